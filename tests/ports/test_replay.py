@@ -18,7 +18,7 @@ from drivebus.capture.dbcap import (
 )
 from drivebus.errors import PortLost, PortUnavailable
 from drivebus.ports import open_port
-from drivebus.ports.base import PausableReader
+from drivebus.ports.base import PausableReader, PendingReader
 from drivebus.ports.memory import create_pair
 from drivebus.ports.recording import RecordingPort
 from drivebus.ports.replay import ReplayDifference, ReplayPort, ReplayReport
@@ -198,6 +198,13 @@ def test_a_recording_port_records_every_byte_and_changes_none(tmp_path: Path) ->
     tx, rx = [record for record in capture.records if isinstance(record, BytesRecord)]
     assert (tx.time_s, tx.data, rx.data) == (0.0, b"ask", b"!")
     assert rx.time_s == pytest.approx(1 + 11 / 4800, abs=1e-6)
+
+
+def test_a_recording_port_delivers_pending_bytes_where_its_port_does(tmp_path: Path) -> None:
+    near, _ = create_pair(SerialSettings(4800, 8, "E", 1), has_line_timing=True)
+    assert not isinstance(RecordingPort(near, tmp_path / "a.dbcap"), PendingReader)
+    recording = RecordingPort(open_port("sim://vc660@1"), tmp_path / "b.dbcap")
+    assert isinstance(recording, PendingReader) and not isinstance(recording, PausableReader)
 
 
 def test_a_capture_that_cannot_be_created_leaves_the_port_closed(tmp_path: Path) -> None:

@@ -50,6 +50,29 @@ def test_a_transaction_takes_the_computed_time() -> None:
     assert run_virtual(scenario()) == pytest.approx((8 + 13) * character_s + 0.004)
 
 
+def test_a_reply_that_has_arrived_is_read_before_the_event_loop_delivers_it() -> None:
+    """The timer of a bus that is due at the last bit of a reply must not end the transaction without it."""
+    last_bit_s = 21 * 11 / 19200 + 0.004
+
+    async def scenario() -> list[int]:
+        counts: list[int] = []
+        async with SimulatorClient("sim://vc660@1?baud=19200&format=8E1") as client:
+            loop = asyncio.get_running_loop()
+
+            def read() -> None:
+                counts.append(len(client.received))
+                client.port.read_pending()
+                counts.append(len(client.received))
+
+            loop.call_at(loop.time() + last_bit_s - 1e-4, read)
+            loop.call_at(loop.time() + last_bit_s, read)  # before the timer of the wire, which is set later
+            client.port.write(client.codec.encode_request(STATUS))
+            await asyncio.sleep(1.0)
+            return [*counts, len(client.received)]
+
+    assert run_virtual(scenario()) == [0, 0, 0, 1, 1]
+
+
 def test_the_serial_settings_are_the_factory_settings_unless_the_url_sets_them() -> None:
     assert open_port("sim://c320@1").settings == SerialSettings(9600, 8, "E")
     assert open_port("sim://dzb100@1").settings == SerialSettings(4800, 8, "E")

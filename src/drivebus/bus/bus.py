@@ -20,7 +20,7 @@ from drivebus.bus.station import Presence, StationHealth
 from drivebus.bus.statistics import BusStatistics
 from drivebus.bus.trace import TraceEvent
 from drivebus.errors import DrivebusError, PortLost, PortUnavailable, SystemReason
-from drivebus.ports.base import PausableReader, Port
+from drivebus.ports.base import PausableReader, PendingReader, Port
 from drivebus.serial_settings import SerialSettings
 
 REOPEN_INTERVAL_S = 0.4  # between attempts to open a lost port: polling resumes within 2 s of the device's return
@@ -77,6 +77,7 @@ class Bus:
         """Commands that are being executed; the execution of one may append others."""
         self._trace_sinks: list[Callable[[TraceEvent], None]] = []
         self._reopening: asyncio.Task[None] | None = None
+        self._pending_reader = port if isinstance(port, PendingReader) else None
         self._pausable_port = port if isinstance(port, PausableReader) else None
         self._read_at = inf
         """Monotonic seconds until which received bytes wait in the kernel: the reply may be complete then."""
@@ -304,13 +305,13 @@ class Bus:
     # --- time ----------------------------------------------------------------------------------------------------
 
     def _on_timer(self) -> None:
-        """Handle the timer after reading the bytes that the kernel still holds."""
+        """Handle the timer after reading the bytes that have arrived before it."""
         assert self._clock is not None
-        if self._pausable_port is not None:
-            self._pausable_port.read_pending()
+        if self._pending_reader is not None:
+            self._pending_reader.read_pending()
         now = self._clock()
         if self._is_due(now):
-            if self._pausable_port is None and self.core.transaction is not None:
+            if self._pending_reader is None and self.core.transaction is not None:
                 self._loop.call_soon(self._on_timer_after_readers)  # type: ignore[union-attr]
                 return
             self._perform(self.core.on_timer(now))

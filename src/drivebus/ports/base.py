@@ -81,7 +81,16 @@ def drive_options(port: Port, address: int) -> Mapping[str, Any]:
 
 
 @runtime_checkable
-class PausableReader(Protocol):
+class PendingReader(Protocol):
+    """A port that delivers on request what it has received, before the event loop calls it."""
+
+    def read_pending(self) -> None:
+        """Deliver the bytes that have arrived and are not delivered yet."""
+        ...
+
+
+@runtime_checkable
+class PausableReader(PendingReader, Protocol):
     """A port that can leave received bytes in the kernel: one read for a whole reply, not a wake-up for each byte.
 
     A hang-up during a pause is noticed at the next read.
@@ -93,8 +102,4 @@ class PausableReader(Protocol):
 
     def resume_reading(self) -> None:
         """Deliver bytes as they come again. Idempotent; without effect on a closed port."""
-        ...
-
-    def read_pending(self) -> None:
-        """Deliver the bytes that the kernel holds now, paused or not."""
         ...

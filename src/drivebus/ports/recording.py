@@ -11,7 +11,7 @@ from typing import Any
 from drivebus import clock
 from drivebus.capture.dbcap import CaptureHeader, CaptureWriter
 from drivebus.errors import PortLost
-from drivebus.ports.base import PausableReader, Port, PortNote, port_notes
+from drivebus.ports.base import PausableReader, PendingReader, Port, PortNote, port_notes
 from drivebus.serial_settings import SerialSettings
 from drivebus.types import Capabilities, EchoSetting, Receiver
 
@@ -28,9 +28,10 @@ class RecordingPort:
         self._path = path
         self._writer: CaptureWriter | None = None
         self._receiver: Receiver | None = None
+        if isinstance(port, PendingReader):
+            self.read_pending = port.read_pending
         if isinstance(port, PausableReader):
             self.pause_reading, self.resume_reading = port.pause_reading, port.resume_reading
-            self.read_pending = port.read_pending
 
     def continue_on(self, port: Port) -> RecordingPort:
         """Return a port that continues this capture on another port: a scan's next serial settings."""

@@ -37,7 +37,7 @@ class BusMaster(Protocol):
 class StationGroup:
     """Stations with equal framing, which share one frame receiver."""
 
-    __slots__ = ("_broadcast_addresses", "_has_listeners", "receiver", "stations")
+    __slots__ = ("_broadcast_addresses", "_by_address", "_has_listeners", "receiver", "stations")
 
     def __init__(self, receiver: FrameReceiver, stations: list[SimulatedStation]) -> None:
         self.receiver = receiver
@@ -46,11 +46,19 @@ class StationGroup:
         self._has_listeners = any(
             type(station).on_foreign_frame is not SimulatedStation.on_foreign_frame for station in stations
         )
+        self._by_address: dict[int, list[SimulatedStation]] | None = None
+        """None where a station may change its address."""
+        if not any(station.address_is_parameter for station in stations):
+            self._by_address = {}
+            for station in stations:
+                self._by_address.setdefault(station.address, []).append(station)
 
     def stations_for(self, address: int) -> list[SimulatedStation]:
         """Return the stations that a frame to this address concerns: all where one handles foreign frames."""
         if self._has_listeners or address in self._broadcast_addresses:
             return self.stations
+        if self._by_address is not None:
+            return self._by_address.get(address, [])
         return [station for station in self.stations if station.address == address]
 
 
@@ -145,9 +153,11 @@ class SimulatedBus:
         self._release_timer()
 
     def transmit(self, master: BusMaster, data: bytes) -> None:
-        """Transmit bytes of a master, one after another from now on."""
+        """Transmit bytes of an attached master, one after another from now on."""
+        assert self._loop is not None
         sides = TO_ALL if self.wire.line_quality.echo or len(self.masters) > 1 else TO_STATIONS
-        self.wire.transmit(master, data, self.now(), sides, master.settings)
+        # Not ``now``: asking for the running loop costs a system call, a twelfth of a transaction in virtual time.
+        self.wire.transmit(master, data, self._loop.time(), sides, master.settings)
         self._arm_timer()
 
     def _group_stations(self) -> None:
@@ -192,6 +202,13 @@ class SimulatedBus:
     def _arm_timer(self) -> None:
         if self._timer is not None:
             self._timer.set(self.wire.next_event_at())
+
+    def deliver_pending(self) -> None:
+        """Deliver what has arrived by now, before the timer does."""
+        assert self._loop is not None
+        next_at = self.wire.next_event_at()
+        if next_at is not None and next_at <= self._loop.time():
+            self._deliver_due()
 
     def _deliver_due(self) -> None:
         assert self._loop is not None

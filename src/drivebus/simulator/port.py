@@ -52,6 +52,10 @@ class SimPort:
             raise PortLost("sim.not_open", port=self.url)
         self.simulated_bus.transmit(self, data)
 
+    def read_pending(self) -> None:
+        """Deliver what has arrived by now."""
+        self.simulated_bus.deliver_pending()
+
     async def close(self) -> None:
         """Close the port; the drives go on."""
         self._receiver = None

@@ -54,6 +54,8 @@ class SimulatedStation(ABC):
     rule: FramingRule
     broadcast: ClassVar[int]
     """Address of all stations."""
+    address_is_parameter: ClassVar[bool] = False
+    """Whether the drive takes its address from a parameter, at power-up."""
     factory_settings: ClassVar[SerialSettings]
     """Factory serial settings."""
     ramp_keys: ClassVar[tuple[int, int]]

@@ -125,12 +125,15 @@ class Wire:
         """
         self._drop_ended(now)
         start = now if at is None else at
-        for recent in self._recent:
-            if recent.source is source and recent.end > start:
-                start = recent.end
-        foreign = self.is_foreign(settings)
+        silent_since = self._last_end
+        if self._recent:
+            for recent in self._recent:
+                if recent.source is source and recent.end > start:
+                    start = recent.end
+            silent_since = self.silent_since(start)
+        foreign = settings is not None and self.is_foreign(settings)
         character_s = settings.character_s if foreign and settings is not None else self._character_s
-        transmission = Transmission(source, data, start, character_s, start - self.silent_since(start))
+        transmission = Transmission(source, data, start, character_s, start - silent_since)
         quality = self.line_quality
         if foreign or quality.flip or quality.cut_first or quality.cut_last:
             self._impair(transmission, foreign)
@@ -149,14 +152,14 @@ class Wire:
     def transmit_reply(self, source: object, data: bytes, now: float, at: float) -> Transmission:
         """Transmit a reply at ``at``, subject to lateness, stray bytes and duplication; replies keep their order."""
         quality = self.line_quality
-        late = at
         if quality.late and self._chance(quality.late):
-            late += self._rng.random() * quality.late_s
+            at += self._rng.random() * quality.late_s
         if quality.junk and self._chance(quality.junk):
             data = bytes((self._rng.randrange(0, 256),)) + data
-        if self._recent:
-            at = max((recent.end + self._pause_s for recent in self._recent if recent.source is source), default=at)
-        transmission = self.transmit(source, data, now, TO_MASTERS, at=max(at, late))
+        for recent in self._recent:
+            if recent.source is source and recent.end + self._pause_s > at:
+                at = recent.end + self._pause_s
+        transmission = self.transmit(source, data, now, TO_MASTERS, at=at)
         if quality.duplicate and self._chance(quality.duplicate):
             self.transmit(source, data, now, TO_MASTERS, at=transmission.end + self._pause_s)
         return transmission
@@ -226,11 +229,13 @@ class Wire:
 
     def _drop_ended(self, now: float) -> None:
         """Drop ended transmissions, which can't collide any more."""
+        going_on = []
         for recent in self._recent:
-            if recent.end <= now and recent.end > self._last_end:
+            if recent.end > now:
+                going_on.append(recent)
+            elif recent.end > self._last_end:
                 self._last_end = recent.end
-        if self._recent:
-            self._recent = [recent for recent in self._recent if recent.end > now]
+        self._recent = going_on
 
     def _schedule(self, transmission: Transmission, sides: tuple[Side, ...]) -> None:
         size = len(transmission.data)

@@ -215,21 +215,21 @@ class VirtualLoop(_EventLoop):
             if when > self._now:
                 self._now = when
             if not heap or heap[0][0] > self._now:
-                if timer.callback is not None:
-                    self._call(timer.callback, timer.args)
+                self._call(timer)
                 return True
             ready.append(timer)
         while heap and heap[0][0] <= self._now:
             ready.append(heappop(heap)[2])
         for _ in range(len(ready)):
-            timer = ready.popleft()
-            if timer.callback is not None:
-                self._call(timer.callback, timer.args)
+            self._call(ready.popleft())
         return True
 
-    def _call(self, callback: Callable[..., object], arguments: tuple[Any, ...]) -> None:
+    def _call(self, timer: VirtualTimer) -> None:
+        callback = timer.callback
+        if callback is None:
+            return
         try:
-            callback(*arguments)
+            callback(*timer.args)
         except Exception as error:
             self.call_exception_handler({"message": f"Exception in callback {callback!r}", "exception": error})
 

@@ -77,6 +77,7 @@ class DZB100Station(SimulatedStation):
 
     rule: FramingRule = FramingRule(gap_characters=5.0, start_bytes=b"CPRQ")
     broadcast: ClassVar[int] = 0
+    address_is_parameter: ClassVar[bool] = True
     ramp_keys: ClassVar[tuple[int, int]] = (ACCEL_TIME, DECEL_TIME)
     factory_settings: ClassVar[SerialSettings] = SerialSettings(4800, 8, "E")
 
