@@ -87,6 +87,17 @@ def test_a_full_width_sign_of_a_text_without_its_closing_quote_is_not_the_fault(
     assert "the closing quote of the text" in fault_texts(text)[0]
 
 
+def test_a_full_width_sign_behind_the_fault_of_its_line_is_not_named() -> None:
+    """The comma was named; the quotes within the text end it."""
+    text = fault_texts('a = "风机"一号，二号"')[0]
+    assert "the end of the line after the value" in text and "full-width" not in text
+
+
+def test_a_full_width_space_is_called_a_space_as_a_blank_is_not_seen() -> None:
+    english, chinese = fault_texts("a　= 1")
+    assert "the half-width space (column 2)" in english and "应为半角空格（第 2 列）" in chinese
+
+
 def test_a_full_width_quote_at_the_end_of_a_text_is_named_rather_than_a_sign_before_it() -> None:
     assert '"”" found, the half-width "' in fault_texts('a = "风机，一号”\n')[0]
 

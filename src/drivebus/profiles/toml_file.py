@@ -97,13 +97,14 @@ def syntax_fault(error: tomllib.TOMLDecodeError, text: str) -> TomlFault:
     content = text.split("\n")[line - 1]
     if header := _BLANK_IN_TABLE.match(content):
         return TomlFault(issue("table_name_blank", (), header[1]), line)
+    column = int(at[2]) if at else len(content) + 1
     message = str(error).split(" (at ")[0]
     name = next((name for pattern, name in _SYNTAX_FAULTS if re.match(pattern, message)), "other")
-    outside = _STRING.sub(_blank_match, text).split("\n")[line - 1]
-    for column, (full, half) in enumerate(zip(outside, half_width(outside), strict=True), 1):
+    outside = _STRING.sub(_blank_match, text).split("\n")[line - 1][:column]
+    for place, (full, half) in enumerate(zip(outside, half_width(outside), strict=True), 1):
         if full != half and (name != "quote" or half in "\"'"):
-            return TomlFault(issue("full_width", (), full, column=column, half=half), line)
-    column = int(at[2]) if at else len(content) + 1
+            shown = bilingual_text("profiles.toml.space") if half == " " else half
+            return TomlFault(issue("full_width", (), full, column=place, half=shown), line)
     expected = bilingual_text(f"profiles.toml.{name}", message=message)
     return TomlFault(issue("toml", (), _first_word(content), column=column, expected=expected), line)
 
