@@ -23,8 +23,8 @@ from drivebus.errors import (
 )
 from drivebus.values import half_width
 
-_OF_A_TEXT = re.compile(r"[\s一-鿿]")
-"""What a reason or the name of a file has, and no option, number or port URL."""
+_TEXT_CHARACTER = re.compile(r"[\s一-鿿]")
+"""Blank or Chinese character: a reason or a file name may have one, an option, a number or a port URL has none."""
 _PORT_ARGUMENTS = {"port", "source", "target"}
 """Names of the arguments that a port may be given as."""
 _EXTRA_ARGUMENTS = re.compile(r"Got unexpected extra arguments? \((.*)\)", re.DOTALL)
@@ -132,7 +132,7 @@ def report_usage(error: click.ClickException) -> ExitCode:
 
 def note_full_width(arguments: Sequence[str]) -> None:
     """Name the words of a failed command line with full-width characters, and what to type; not words of a text."""
-    wrong = [word for word in arguments if half_width(word) != word and _OF_A_TEXT.search(word) is None]
+    wrong = [word for word in arguments if half_width(word) != word and _TEXT_CHARACTER.search(word) is None]
     if wrong:
         words = output.join([f"{word} → {half_width(word)}" for word in wrong], "items")
         with output.continue_without_output():
