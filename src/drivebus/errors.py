@@ -227,8 +227,31 @@ class DriveRejected(DriveError):
     """The drive replied with its own error code (``params["code"]``)."""
 
 
+class CapabilityName:
+    """Name of a capability as the page has it, as the parameter of a sentence; one without a name as it is."""
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+
+    def text(self, language: str = "en") -> str:
+        """Return the name in a language."""
+        key = f"page.can_{self._what}"
+        return i18n.text(key, language) if i18n.known(key) else self._what
+
+    def __str__(self) -> str:
+        return self.text("en")
+
+
 class CapabilityError(DriveError):
-    """This family or model can't do that; nothing was sent."""
+    """This family or model can't do that; nothing was sent.
+
+    ``what`` names the capability for programs, ``command`` is its name in the sentence.
+    """
+
+    def __init__(self, key: str, /, **params: Any) -> None:
+        if "what" in params:
+            params = {"command": CapabilityName(str(params["what"])), **params}
+        super().__init__(key, **params)
 
 
 class LimitError(DriveError):

@@ -67,6 +67,17 @@ def parse_addresses(text: str, highest: int = HIGHEST_ADDRESS) -> tuple[int, ...
     return tuple(dict.fromkeys(found))
 
 
+def format_addresses(addresses: Iterable[int]) -> str:
+    """Return ascending addresses as ``parse_addresses`` reads them: ``1-3,7``."""
+    ranges: list[list[int]] = []
+    for address in addresses:
+        if ranges and ranges[-1][-1] == address - 1:
+            ranges[-1][1:] = [address]
+        else:
+            ranges.append([address])
+    return ",".join("-".join(map(str, one)) for one in ranges)
+
+
 def _parse_address(text: str, highest: int) -> int:
     if not (text.isascii() and text.isdecimal() and int(text) <= highest):
         raise ValueError(text)

@@ -346,7 +346,7 @@ def test_an_invalid_own_profile_is_reported_and_hides_no_other(own_profiles: Pat
     assert (typo["line"], typo["key"], bool(typo["remedy"])) == (4, "limits.maximum_herz", True)
     assert [refused[name]["diagnostics"][0]["kind"] for name in ("vc660.toml", "folder.toml")] == [
         "shadows",
-        "unreadable",
+        "folder",
     ]
     result = CliRunner().invoke(cli, ["models", "--lang", "en"])
     assert result.exit_code == 2

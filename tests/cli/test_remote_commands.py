@@ -120,6 +120,13 @@ def test_a_detached_run_a_new_setpoint_and_a_stop(plant: RunningService, service
     assert (stopped["outcome"], state(plant)) == ("confirmed", DriveState.STOPPED)
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_run_at_0_hz_through_a_service_says_what_to_expect(service: str, language: str) -> None:
+    words = ["run", "--service", service, *FAN, "--frequency", "0", "--detach", "--lang", language]
+    done = CliRunner().invoke(cli, words, env={"COLUMNS": "300"})
+    assert (done.exit_code, i18n.text("drives.run_at_zero", language) in done.output) == (0, True), done.output
+
+
 def test_a_drive_that_a_service_runs_is_not_called_unsupervised_after_detaching(service: str) -> None:
     words = ["run", "--service", service, *FAN, "--frequency", "20", "--detach"]
     text = CliRunner().invoke(cli, words, env={"COLUMNS": "300"}).output

@@ -13,6 +13,7 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
+from drivebus import i18n
 from drivebus.cli import extras, output
 from drivebus.cli.main import cli
 from drivebus.service.auth.errors import AccessDenied
@@ -298,3 +299,198 @@ def test_a_url_without_a_tcp_port_says_that_it_is_missing_with_an_example(url: s
     assert "the TCP port after the host is missing" in run_words(words, "en").output
     assert example in run_words(words, "en").output
     assert "缺少 TCP 端口" in run_words(words).output and example in run_words(words).output
+
+
+DRIVE = "sim://c320@1 --model c320"
+GIVEN_TWICE = [
+    (f"status {DRIVE} --address 1 --address 2", "--address: given more than once (1, 2): give it once"),
+    ("status sim://c320@1 --model c320 --model vc660 --address 1", "--model: given more than once (c320, vc660)"),
+    (f"run {DRIVE} --address 1 --frequency 5 --frequency=50", "--frequency: given more than once (5, 50)"),
+    ("stop --service a --service b --drive x", "--service: given more than once (a, b)"),
+    (f"stop --all {DRIVE} --address 1-3 --address 5", "(1-3, 5): give all values together, --address 1-3,5"),
+    (f"status {DRIVE} --address 1 --option a=1 --option a=2", "--option: given more than once (a=1, a=2)"),
+    (f"write {DRIVE} --address 1 F1.7=1 F1.7=2", "given more than once (F1.7=1.0, F1.7=2.0)"),
+]
+
+
+@pytest.mark.parametrize(("line", "message"), GIVEN_TWICE)
+def test_a_value_given_twice_is_refused_with_both(line: str, message: str) -> None:
+    """The last one won silently: another drive than the first one named was commanded."""
+    result = run_words(line.split(), "en")
+    assert (result.exit_code, message in result.output) == (2, True), result.output
+    chinese = message.partition("(")[2].partition(")")[0].replace(", ", "、")
+    assert f"重复给出（{chinese}）" in run_words(line.split()).output
+
+
+def test_an_option_that_may_be_repeated_takes_several_values() -> None:
+    coding = ["--option", "setpoint_coding=hex-0.1", "--option", "query_coding=hex-0.1"]
+    assert run_words(["status", "sim://dzb100@1", "--model", "dzb100", "--address", "1", *coding]).exit_code == 0
+
+
+@pytest.mark.parametrize(("model", "encoding"), [("c320", "rtu"), ("vc660", "ascii"), ("gd10", "hex")])
+def test_simulate_refuses_an_encoding_that_its_drives_do_not_answer(model: str, encoding: str) -> None:
+    """It was ignored, and the drives answered in another one."""
+    words = ["simulate", "--model", model, "--address", "1", "--encoding", encoding, "--bind", "tcp://127.0.0.1:0"]
+    result = run_words(words, "en")
+    assert result.exit_code == 2
+    assert f"the simulated {model} answers in " in result.output and f"only; found {encoding}" in result.output
+    assert f"编码应答；给定的是 {encoding}" in run_words(words).output
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "status sim://c320@1 --model C320 --address 1 --json",
+        "status sim://C320@1 --model c320 --address 1 --json",
+        "decode --model C320 2A 30 30 34 30 33 30 30 30 30 30 31 42 37 0D --json",
+        "scan sim://c320@1 --models C320,VC660 --addresses 1 --listen-seconds 0 --dry-run --json",
+        "init sim://c320@1 --scan --models C320 --addresses 1 --listen-seconds 0 -o - --json",
+    ],
+)
+def test_the_name_of_a_model_is_taken_in_any_case(line: str) -> None:
+    result = run_words(line.split(), "en")
+    assert result.exit_code == 0, result.output
+    assert "C320" not in result.stdout.replace("sim://C320", "")
+
+
+@pytest.mark.parametrize("words", [["--model", ""], ["--model", " "], ["--model="]])
+def test_an_empty_model_is_called_a_missing_name(words: list[str]) -> None:
+    """There was "no model .", as an empty path is the present folder."""
+    line = ["status", "sim://c320@1", *words, "--address", "1"]
+    assert "expected the name of a model such as c320" in run_words(line, "en").output
+    assert "应为：型号名称，例如 c320" in run_words(line).output
+
+
+FREQUENCIES = [
+    ("-5", "`drivebus run` turns backward with --reverse", "反转用 `drivebus run` 的 --reverse"),
+    ("50Hz", "write the number in Hz, without a unit", "单位固定为 Hz，只写数字"),
+    ("50赫兹", "write the number in Hz, without a unit", "单位固定为 Hz，只写数字"),
+    ("５０Ｈｚ", "write the number in Hz, without a unit", "单位固定为 Hz，只写数字"),
+    ("12,5", "write a decimal point: 12.5", "小数点请写成“.”：12.5"),
+    ("12，5", "write a decimal point: 12.5", "小数点请写成“.”：12.5"),
+    ("5000", "a frequency from 0 to 4000 in Hz", "0 到 4000 的频率，单位 Hz"),
+]
+
+
+@pytest.mark.parametrize(("typed", "english", "chinese"), FREQUENCIES, ids=[one[0] for one in FREQUENCIES])
+def test_a_mistyped_frequency_is_answered_with_what_to_type(typed: str, english: str, chinese: str) -> None:
+    words = ["run", "sim://c320@1", "--model", "c320", "--address", "1", "--frequency", typed]
+    result = run_words(words, "en")
+    assert (result.exit_code, english in result.output) == (2, True), result.output
+    assert chinese in run_words(words).output
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "status sim://c320@1",
+        "run sim://c320@1 --frequency 5",
+        "read sim://c320@1 F0.1",
+        "write /dev/ttyUSB0 F0.1=1",
+        "set-frequency COM3 25",
+        "stop sim://c320@1",
+    ],
+)
+def test_a_port_beside_a_service_is_named_as_replaced_by_it(line: str) -> None:
+    """It was one argument too many, or the name of a parameter."""
+    words = [*line.split(), "--service", "http://127.0.0.1:1", "--drive", "fan-1"]
+    port = line.split()[1]
+    english, chinese = (run_words(words, language).output for language in ("en", "zh"))
+    assert "--service replaces PORT" in english and f"leave out {port}, or leave out --service" in english
+    assert f"请去掉 {port}，或去掉 --service" in chinese
+
+
+def test_a_folder_in_place_of_a_file_is_no_matter_of_a_permission(tmp_path: Path) -> None:
+    for words in (["check", str(tmp_path)], ["init", "--answers", str(tmp_path), "-o", str(tmp_path / "new.toml")]):
+        english, chinese = (run_words(words, language).output for language in ("en", "zh"))
+        assert "a folder in place of a file" in english and "right to read" not in english
+        assert "应为文件，却是目录" in chinese and "权限" not in chinese
+
+
+@pytest.mark.parametrize(
+    ("name", "english", "chinese"),
+    [("none.toml", "No such file or directory. Check the path", "请检查路径"), (".", "is a folder", "是目录")],
+)
+def test_a_missing_file_of_answers_is_no_matter_of_a_permission(
+    name: str, english: str, chinese: str, tmp_path: Path
+) -> None:
+    words = ["profile", "new", str(tmp_path / "new.toml"), "--answers", str(tmp_path / name)]
+    assert english in run_words(words, "en").output and "permission" not in run_words(words, "en").output
+    assert chinese in run_words(words).output and "权限" not in run_words(words).output
+
+
+@pytest.mark.parametrize(
+    ("line", "chinese", "next_step"),
+    [
+        ("coast sim://dzb100@1 --model dzb100", "自由停车", "`drivebus stop` 使其减速停机"),
+        ("stop --quick sim://dzb100@1 --model dzb100", "快速停机", "不带 --quick 的 `drivebus stop`"),
+        ("loopback sim://c320@1 --model c320", "回路测试", "`drivebus models --search c320 --json`"),
+    ],
+)
+def test_a_command_that_a_model_lacks_is_named_in_chinese_with_the_next_step(
+    line: str, chinese: str, next_step: str
+) -> None:
+    result = run_words([*line.split(), "--address", "1"])
+    assert f"没有此命令：{chinese}；未发送" in result.output and next_step in result.output, result.output
+
+
+@pytest.mark.parametrize("names", ["F0.0,F0.1", "F0.0, F0.1", "F0.0，F0.1", "F0.0、F0.1", "F0.0;F0.1"])
+def test_names_that_a_comma_joins_are_shown_apart(names: str) -> None:
+    words = ["read", "sim://c320@1", *names.split(), "--model", "c320", "--address", "1"]
+    assert "write the names apart, with blanks between them: F0.0 F0.1\n" in run_words(words, "en").output
+    assert "各名称之间请用空格分隔：F0.0 F0.1\n" in run_words(words).output
+
+
+def test_a_stop_of_addresses_beyond_the_range_names_them_all() -> None:
+    """It named the first one only."""
+    words = ["stop", "--all", "sim://c320@1", "--model", "c320", "--address", "1-40"]
+    message = "nothing was sent: c320 has the addresses 0-30, not 31-40. Give --address 1-30\n"
+    assert message in run_words(words, "en").output
+    assert message in run_words([*words, "--dry-run"], "en").output
+    assert "没有 31-40。请用 --address 1-30\n" in run_words(words).output
+
+
+def test_a_stop_of_a_plant_without_all_says_how_its_drives_are_stopped() -> None:
+    """The model was asked for, as if the file were a port."""
+    assert "`drivebus stop --all plant.toml` stops all its drives" in run_words(["stop", "plant.toml"], "en").output
+    assert "`drivebus stop --all plant.toml` 停下其全部变频器" in run_words(["stop", "plant.toml"]).output
+
+
+@pytest.mark.parametrize(
+    "option", ["--bauds 9600,,19200", "--bauds 9_600", "--formats 8N1,", "--models c320,,vc660", "--models ,"]
+)
+def test_an_empty_field_of_a_list_is_refused(option: str) -> None:
+    """A value may be missing there: the scan ran without it."""
+    result = run_words(["scan", "sim://c320@1", *option.split(), "--dry-run"], "en")
+    assert (result.exit_code, f"found {option.split()[1]}, expected" in result.output) == (2, True), result.output
+
+
+def test_every_usage_line_has_one_form_for_the_file_of_a_plant() -> None:
+    for command in ("check", "serve"):
+        assert f"drivebus {command} [OPTIONS] PLANT.toml\n" in run_words([command, "--help"], "en").output
+
+
+@pytest.mark.parametrize(
+    ("line", "listed"),
+    [
+        ("status plc --model c320 --address 1", "应为 /dev/ttyUSB0、COM3、"),
+        ("read sim://c320@1 X --model c320 --address 1", "F0.1、F1.10 (F1.0-F1.255)、FC.03"),
+        ("decode --model dzb100 58 03 06 30", "应为 C、P、R、Q 之一"),
+        ("status sim://c320@1 --model c320 --address 1 --baud 57600", "4800、9600、19200；8N1、8E1、8O1）"),
+    ],
+)
+def test_the_items_of_a_chinese_list_are_separated_by_its_own_comma(line: str, listed: str) -> None:
+    assert listed in run_words(line.split()).output
+    english = listed.replace("应为 ", "expected one of ").replace(" 之一", "").replace("、", ", ").replace("；", "; ")
+    assert english.rstrip("）") in run_words(line.split(), "en").output
+
+
+@pytest.mark.parametrize("words", [["--dry-run"], ["--detach"], ["--detach", "--wait"]])
+@pytest.mark.parametrize("target", [["sim://c320@1", "--model", "c320"], ["sim://vc660@1", "--model", "vc660"]])
+def test_a_run_at_0_hz_says_what_to_expect(target: list[str], words: list[str]) -> None:
+    """The output was on without a note that the motor starts with the next frequency."""
+    line = ["run", *target, "--address", "1", "--frequency", "0", *words]
+    for language in ("en", "zh"):
+        result = run_words(line, language)
+        assert (result.exit_code, i18n.text("drives.run_at_zero", language) in result.output) == (0, True)
+    assert i18n.text("drives.run_at_zero") not in run_words([*line[: -1 - len(words)], "1", *words], "en").output

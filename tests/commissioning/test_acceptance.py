@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from drivebus.cli import output
 from drivebus.cli.commands import acceptance as acceptance_command
 from drivebus.cli.connect import Target
 from drivebus.cli.signals import ShutdownSignal
@@ -243,6 +244,17 @@ def test_nothing_moves_without_consent_and_no_step_needs_a_person_who_is_absent(
         if needs is not StepRequirement.NOTHING:
             assert step(name, session_class=AbsentPerson).verdict is StepResult.SKIPPED
     assert not bench.stations[0].motor.energised
+
+
+def test_the_counts_of_a_finding_are_a_list_in_the_language_of_the_user() -> None:
+    """They were printed as a dict of Python."""
+    found = StepFinding("soak", StepResult.PASSED, {"reads": 5, "errors": {"late": 2, "no_reply": 1}})
+    output.parse_global_options(["--lang", "zh"])
+    try:
+        assert "reads=5、errors=late 2、no_reply 1" in acceptance_command._finding_text(found)
+    finally:
+        output.parse_global_options(["--lang", "en"])
+    assert "reads=5, errors=late 2, no_reply 1" in acceptance_command._finding_text(found)
 
 
 def test_an_error_of_the_bus_is_a_finding_not_an_end(bench: SimulatedBus) -> None:

@@ -184,6 +184,19 @@ def test_a_wrong_answer_is_asked_for_again(tmp_path: Path) -> None:
     assert result.exit_code == 0 and "12: expected one digit, or a word with its base" in result.output
 
 
+def test_full_width_answers_are_read_as_half_width_ones_and_texts_stay(tmp_path: Path) -> None:
+    """A Chinese input method types them: each was refused without the reason."""
+    wide = {ord(half): ord(half) + 0xFEE0 for half in map(chr, range(0x21, 0x7F))}
+    texts = {question.name for question in QUESTIONS if question.kind == "text"}
+    typed = {
+        name: text if name in texts and text != UNKNOWN else text.translate(wide) for name, text in ANSWERS.items()
+    }
+    file = tmp_path / "acme.toml"
+    result = invoke(str(file), answers=typed | {"maker": "艾美（１）"})
+    assert result.exit_code == 0, result.output
+    assert (profiles.load(file).model, profiles.load(file).maker.zh) == ("acme_v1", "艾美（１）")
+
+
 def test_an_unfinished_dialogue_is_continued(tmp_path: Path) -> None:
     file, kept = tmp_path / "acme.toml", tmp_path / "acme.toml.answers.toml"
     first = dict([*ANSWERS.items()][:20])

@@ -61,9 +61,18 @@ def test_a_relative_path_to_a_device_needs_no_dot(tmp_path: Path, monkeypatch: p
             Path(path).symlink_to("/dev/null")
         link = parse_port_url(f"{path}?baud=19200")
         assert (link.scheme, link.path, link.settings.baud) == ("serial", path, 19200)
-    Path("plant.toml").touch()
+    Path("notes.txt").touch()
     with pytest.raises(PortUrlError, match="no port URL"):
-        parse_port_url("plant.toml")
+        parse_port_url("notes.txt")
+
+
+@pytest.mark.parametrize("name", ["plant.toml", "./plant.toml", "/etc/drivebus/hall.TOML"])
+def test_the_file_of_a_plant_in_place_of_a_port_says_where_its_ports_are(name: str) -> None:
+    """It was no port URL, or a device that does not exist."""
+    with pytest.raises(PortUrlError) as caught:
+        parse_port_url(name)
+    assert f"`drivebus check {name}` shows the port of each of its buses" in caught.value.text("en")
+    assert f"`drivebus check {name}` 显示各条总线的端口" in caught.value.text("zh")
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import pytest
 from drivebus import profiles
 from drivebus.errors import ProfileError
 from drivebus.profiles import DriveProfile
+from drivebus.profiles.load import included_models
 from fixtures.drives import writable_registers
 
 VC660_SIZES = """
@@ -174,6 +175,33 @@ def test_a_users_file_can_not_replace_a_built_in_model(own: Path) -> None:
         profiles.load("vc660")
     assert caught.value.params["diagnostics"][0].kind == "shadows"
     assert caught.value.params["file"] == str(path)
+
+
+@pytest.mark.parametrize("name", ["VC660", "Vc660", "GD10"])
+def test_a_model_is_found_in_any_case(name: str) -> None:
+    assert profiles.load(name).model == name.lower()
+
+
+def test_no_two_included_models_differ_in_case_alone() -> None:
+    names = [name.casefold() for name in included_models()]
+    assert len(names) == len(set(names))
+
+
+def test_a_users_file_can_not_replace_a_built_in_model_in_another_case(own: Path) -> None:
+    """``--model VC660`` would be another drive than ``--model vc660``."""
+    write(own, VC660_SIZES, "VC660.toml")
+    for name in ("vc660", "VC660", "Vc660"):
+        with pytest.raises(ProfileError) as caught:
+            profiles.load(name)
+        assert caught.value.params["diagnostics"][0].kind == "shadows"
+
+
+def test_users_files_that_differ_in_case_alone_are_found_by_their_own_names_only(own: Path) -> None:
+    write(own, VC660_SIZES, "line2.toml")
+    write(own, VC660_SIZES.replace("400", "300"), "LINE2.toml")
+    assert profiles.load("line2").limits.maximum_hz == 400.0 and profiles.load("LINE2").limits.maximum_hz == 300.0
+    with pytest.raises(ProfileError):
+        profiles.load("Line2")
 
 
 def test_an_unknown_model_is_answered_with_the_nearest_names() -> None:

@@ -87,9 +87,16 @@ def test_no_parameter_may_stand_on_the_command_word_or_on_an_eeprom_address() ->
 
 
 def test_every_kind_of_fault_has_its_three_sentences_and_a_file_that_shows_it() -> None:
-    """Kinds are the first arguments of ``issue(...)``; five need what can't be shown here: see test_load."""
+    """Kinds are the first arguments of ``issue(...)``; six need what can't be shown here: see test_load."""
     source = "".join(path.read_text() for path in Path(profiles.__file__).parent.glob("*.py"))
     kinds = set(re.findall(r'issue\(\s*"([a-z_]+)"', source)) | {"newer", "format"}
     for kind in kinds:
         assert {f"profiles.{part}.{kind}" for part in ("kind", "expected", "remedy")} <= i18n.catalogue("en").keys()
-    assert kinds - all_expected_kinds(FILES) == {"no_file", "no_model", "shadows", "too_large", "unreadable"}
+    assert kinds - all_expected_kinds(FILES) == {
+        "folder",
+        "no_file",
+        "no_model",
+        "shadows",
+        "too_large",
+        "unreadable",
+    }

@@ -280,11 +280,11 @@ def test_only_a_control_reply_has_a_state_digit(head: str) -> None:
 @pytest.mark.parametrize(
     ("frame", "error", "expected", "found"),
     [
-        (b"X\x03\x0601010064", HeaderError, "C, P, R, Q", 0x58),
+        (b"X\x03\x0601010064", HeaderError, ("C", "P", "R", "Q"), 0x58),
         (b"Q\x03\x0601010064", EchoError, "C", "Q"),
         (b"C\x02\x0601010064", ChecksumError, 3, 2),
         (b"C\x03\x0501010064", None, None, None),
-        (b"C\x03\x0901010064", CodeError, "06, 07", 9),
+        (b"C\x03\x0901010064", CodeError, ("06", "07"), 9),
         (b"C\x03\x0602010064", AddressError, 1, 2),
         (b"C\x03\x0600010064", AddressError, 31, 0),
         (b"C\x03\x0601030064", EchoError, 1, 3),
@@ -522,14 +522,14 @@ def test_a_field_out_of_range_is_named_with_its_limits(wrong: dzb100.Dzb100Reque
 
 UNHEARD = [
     (b"Q\x03\x013200000000", AddressError, "protocols.dzb100.address_range", 31, 32, None),
-    (b"Q\x03\x020100000000", CodeError, "protocols.dzb100.mark", "01, 02", 2, None),
-    (b"C\x03\x030101000000", CodeError, "protocols.dzb100.mark", "01, 02", 3, None),
+    (b"Q\x03\x020100000000", CodeError, "protocols.dzb100.mark", ("01", "02"), 2, None),
+    (b"C\x03\x030101000000", CodeError, "protocols.dzb100.mark", ("01", "02"), 3, None),
     (b"C\x03\x010119000000", CodeError, "protocols.dzb100.command", "0-8", 9, None),
     (b"Q\x03\x010A00000000", AlphabetError, "protocols.alphabet", "0-9", ord("A"), 4),
     (b"Q\x03\x0101x0000000", AlphabetError, "protocols.alphabet", "0-9", ord("x"), 5),
     (b"Q\x03\x01010000a000", AlphabetError, "protocols.alphabet", "0-9 A-F", ord("a"), 9),
     (b"C\x04", ChecksumError, "protocols.dzb100.checksum", 3, 4, None),
-    (b"X", HeaderError, "protocols.dzb100.header", "C, P, R, Q", ord("X"), None),
+    (b"X", HeaderError, "protocols.dzb100.header", ("C", "P", "R", "Q"), ord("X"), None),
 ]
 
 

@@ -68,7 +68,7 @@ REFUSED = [
     ("another count of coils", WriteBits(1, 2, (True,)), "01 0F 00 02 00 02", EchoError, 1, 2),
     ("other loop-back data", Diagnostics(1, 0x5AA5), "01 08 00 00 5A A4", EchoError, 0x5AA5, 0x5AA4),
     ("another sub-function", Diagnostics(1, 0x5AA5), "01 08 00 01 5A A5", EchoError, 0, 1),
-    ("an undocumented exception", ReadRegisters(1, 0, 1), "01 83 09", CodeError, "1-8, 10, 11", 9),
+    ("an undocumented exception", ReadRegisters(1, 0, 1), "01 83 09", CodeError, ("1-8", "10", "11"), 9),
     ("padding that is not zero", ReadBits(1, 0, 3), "01 01 01 0D", CodeError, 0, 1),
 ]
 
@@ -533,10 +533,10 @@ REFUSED_NUMBERS = [
     ("05 0F 00 00 00 09 01 00", "modbus.byte_count", 2, 1),
     ("05 0F 00 00 00 08 02 00 00", "modbus.byte_count", 1, 2),
     ("05 0F 00 00 00 03 01 0F", "modbus.padding", 0, 1),
-    ("05 05 00 00 00 01", "modbus.coil", "0000H, FF00H", 1),
+    ("05 05 00 00 00 01", "modbus.coil", ("0000H", "FF00H"), 1),
     ("05 08 00 01 12 34", "modbus.sub_function", 0, 1),
-    ("05 07 00 00", "modbus.unknown_function", "1-6, 8, 15, 16", 7),
-    ("05 00 00 00", "modbus.unknown_function", "1-6, 8, 15, 16", 0),
+    ("05 07 00 00", "modbus.unknown_function", ("1-6", "8", "15", "16"), 7),
+    ("05 00 00 00", "modbus.unknown_function", ("1-6", "8", "15", "16"), 0),
 ]
 
 

@@ -101,7 +101,7 @@ def spoiled(frame: bytes, place: int, byte: int) -> bytes:
 
 UNHEARD: list[tuple[FrameLayout, tuple[int, ...], type[ProtocolError], str, object, object]] = [
     (READ_LAYOUT, (32, 1, 0, 0, 0), AddressError, "protocols.sunfar.address_range", 31, 32),
-    (READ_LAYOUT, (30, 1, 7, 0, 0), CodeError, "protocols.sunfar.operation", "00-06, 10-16, 20, 21", 7),
+    (READ_LAYOUT, (30, 1, 7, 0, 0), CodeError, "protocols.sunfar.operation", ("00-06", "10-16", "20", "21"), 7),
     (READ_LAYOUT, (30, 1, 0, 15, 0), UnknownItemError, "protocols.sunfar.unused.group", 0, 15),
     (READ_LAYOUT, (30, 0, 0, 0, 255), UnknownItemError, "protocols.sunfar.unused.item", 0, 255),
     (READ_LAYOUT, (30, 6, 0, 0, 0), CodeError, "protocols.sunfar.class", "0-5", 6),
@@ -171,9 +171,18 @@ UNBELIEVED: list[
 ] = [
     (ASKED, WRITE_LAYOUT, (6, 0, 3, 1, 10, 0), AddressError, "protocols.address", 5, 6, 18),
     (ASKED, SHORT_LAYOUT, (4, 6, 0), AddressError, "protocols.address", 5, 4, 11),
-    (ASKED, WRITE_LAYOUT, (5, 5, 3, 1, 10, 0), CodeError, "protocols.sunfar.response", "0-4, 6-8", 5, 0),
-    (ASKED, WRITE_LAYOUT, (5, 9, 3, 1, 10, 0), CodeError, "protocols.sunfar.response", "0-4, 6-8", 9, 0),
-    (ASKED, WRITE_LAYOUT, (5, 0, 6, 1, 10, 0), CodeError, "protocols.sunfar.state", "00-05, 11-16, 20, 21", 6, 0),
+    (ASKED, WRITE_LAYOUT, (5, 5, 3, 1, 10, 0), CodeError, "protocols.sunfar.response", ("0-4", "6-8"), 5, 0),
+    (ASKED, WRITE_LAYOUT, (5, 9, 3, 1, 10, 0), CodeError, "protocols.sunfar.response", ("0-4", "6-8"), 9, 0),
+    (
+        ASKED,
+        WRITE_LAYOUT,
+        (5, 0, 6, 1, 10, 0),
+        CodeError,
+        "protocols.sunfar.state",
+        ("00-05", "11-16", "20", "21"),
+        6,
+        0,
+    ),
     (ASKED, SHORT_LAYOUT, (5, 7, 1), CodeError, "protocols.sunfar.short_state", 0, 1, 0),
     (ASKED, WRITE_LAYOUT, (5, 0, 3, 2, 10, 0), EchoError, "protocols.sunfar.echo.group", 1, 2, 0),
     (ASKED, WRITE_LAYOUT, (5, 0, 3, 1, 11, 0), EchoError, "protocols.sunfar.echo.item", 10, 11, 0),

@@ -15,6 +15,8 @@ from drivebus.cli import errors, output
 
 _MAX_HELP_CELLS = 100
 _MIN_HELP_CELLS = 50
+LIST_METAVAR = ",..."
+"""End of the placeholder of an option whose one value is a list: ``--address N,...``."""
 
 
 class Option(click.Option):
@@ -29,6 +31,26 @@ class Option(click.Option):
         names = ", ".join(sorted([*self.opts, *self.secondary_opts], key=len))
         takes = "" if self.is_flag else f" {self.make_metavar(ctx)}"
         return names + takes, self.help_text()
+
+    def add_to_parser(self, parser: Any, ctx: click.Context) -> None:
+        """Keep every value of an option that takes one: click would keep the last and drop the others silently."""
+        if self.is_flag or self.multiple or self.count:
+            super().add_to_parser(parser, ctx)
+        else:
+            parser.add_option(obj=self, opts=self.opts, dest=self.name, action="append", nargs=self.nargs)
+
+    def consume_value(self, ctx: click.Context, opts: Mapping[str, Any]) -> tuple[Any, Any]:
+        """Return the only value of an option. Raises BadParameter where it is given more than once."""
+        given = opts.get(self.name or "")
+        if self.is_flag or self.multiple or not isinstance(given, list):
+            return super().consume_value(ctx, opts)
+        if len(given) > 1:
+            key = "cli.given_twice_list" if (self.metavar or "").endswith(LIST_METAVAR) else "cli.given_twice"
+            problem = output.text(
+                key, values=output.join(given, "items"), example=f"{max(self.opts, key=len)} {','.join(given)}"
+            )
+            raise click.BadParameter(problem, ctx, self)
+        return super().consume_value(ctx, {**opts, str(self.name): given[0]})
 
     def help_text(self) -> str:
         """Return the explanation and the example."""

@@ -106,7 +106,9 @@ def note_foreign_settings(settings: SerialSettings, profile: DriveProfile) -> No
     serial = profile.serial
     if settings.baud in serial.bauds and settings.format in serial.formats:
         return
-    expected = f"{', '.join(map(str, serial.bauds))}; {', '.join(serial.formats)}"
+    expected = output.join(
+        [output.join(map(str, serial.bauds), "items"), output.join(serial.formats, "items")], "clauses"
+    )
     output.print_note("cli.serial_not_in_manual", model=profile.model, found=settings, expected=expected)
 
 

@@ -36,13 +36,38 @@ class RemoteCommand(CliCommand):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         own = args[: args.index("--")] if "--" in args else args
         ctx.meta[_SERVICE_GIVEN] = any(word == "--service" or word.startswith("--service=") for word in own)
+        if ctx.meta[_SERVICE_GIVEN] and not ctx.resilient_parsing:
+            self._reject_port(ctx, args)
         return super().parse_args(ctx, args)
+
+    def _reject_port(self, ctx: click.Context, args: list[str]) -> None:
+        """Raise UsageError where a port is given beside ``--service``, which replaces it."""
+        arguments = [param for param in self.params if isinstance(param, click.Argument)]
+        replaced = next(param for param in arguments if param.name in _REPLACED_ARGUMENTS)
+        values, words, _ = self.make_parser(ctx).parse_args(list(args))
+        for param in reversed(arguments):
+            value = values.get(str(param.name))
+            words = [*(value if isinstance(value, tuple) else [value] if isinstance(value, str) else []), *words]
+        if words and (arguments == [replaced] or _is_port(words[0])):
+            name = replaced.make_metavar(ctx).strip("[]")
+            raise click.UsageError(output.text("cli.service_replaces", name=name, found=words[0]), ctx)
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         params = super().get_params(ctx)
         if not ctx.meta.get(_SERVICE_GIVEN):
             return params
         return [_optional(param) for param in params if param.name not in _REPLACED_ARGUMENTS]
+
+
+def _is_port(word: str) -> bool:
+    from drivebus.errors import PortUrlError
+    from drivebus.ports.url import parse_port_url
+
+    try:
+        parse_port_url(word)
+    except PortUrlError:
+        return False
+    return True
 
 
 def _optional(param: click.Parameter) -> click.Parameter:

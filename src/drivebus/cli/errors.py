@@ -33,6 +33,10 @@ _MISSING_COMMAND = "Missing command."
 """Message of click for a group without a command; it has no class of its own either."""
 
 
+_HINTS_OF_COMMANDS = {"coast": "hint.drives.cannot_coast", "quick_stop": "hint.drives.cannot_quick_stop"}
+"""Hints of ``drives.cannot`` for the commands that another one replaces."""
+
+
 class ExitCode(IntEnum):
     """Exit code of a command."""
 
@@ -64,7 +68,9 @@ def report_error(error: DrivebusError) -> ExitCode:
 
 def from_os_error(error: OSError) -> ConfigurationError:
     """Convert an error of the operating system about a file or folder of the command line."""
-    return ConfigurationError("cli.system", file=error.filename or "-", reason=SystemReason(error))
+    kinds = {FileNotFoundError: "cli.system_missing", IsADirectoryError: "cli.system_folder"}
+    key = kinds.get(type(error), "cli.system")
+    return ConfigurationError(key, file=error.filename or "-", reason=SystemReason(error))
 
 
 def print_error(error: DrivebusError) -> None:
@@ -98,8 +104,9 @@ def error_hint(error: DrivebusError) -> str | None:
     """Return the remedy at the command line, ``hint.<key>`` of the error or its cause; None without one."""
     cause = error.__cause__
     for one in (error, cause) if isinstance(cause, DrivebusError) else (error,):
-        if i18n.known(key := f"hint.{one.key}"):
-            return output.text(key)
+        own = _HINTS_OF_COMMANDS.get(str(one.params.get("what"))) if one.key == "drives.cannot" else None
+        if i18n.known(key := own or f"hint.{one.key}"):
+            return output.text(key, **one.params)
     return None
 
 

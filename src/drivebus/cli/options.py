@@ -12,7 +12,7 @@ from click.shell_completion import CompletionItem
 
 from drivebus.cli import output
 from drivebus.cli.click_ext import Argument, Choice, Option
-from drivebus.values import HIGHEST_ADDRESS, parse_addresses, parse_decimal
+from drivebus.values import HIGHEST_ADDRESS, half_width, parse_addresses, parse_decimal
 
 if TYPE_CHECKING:
     _Type = click.ParamType[Any]
@@ -23,7 +23,7 @@ else:
 def _complete_models(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     from drivebus import profiles
 
-    return [CompletionItem(name) for name in profiles.models() if name.startswith(incomplete)]
+    return [CompletionItem(name) for name in profiles.models() if name.startswith(incomplete.lower())]
 
 
 def _complete_ports(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -53,8 +53,14 @@ def serial_options() -> list[click.Parameter]:
 
 
 def model_option(required: bool = True) -> click.Option:
-    complete = _complete_models
-    return Option(["--model"], required=required, metavar="MODEL", shell_complete=complete, example="--model c320")
+    return Option(
+        ["--model"],
+        required=required,
+        type=MODEL,
+        metavar="MODEL",
+        shell_complete=_complete_models,
+        example="--model c320",
+    )
 
 
 def encoding_option() -> click.Option:
@@ -78,7 +84,27 @@ def drive_options() -> list[click.Parameter]:
 def profile_option() -> click.Option:
     """Return ``--option``: a value of a profile option."""
     example = "--option setpoint_coding=hex-0.1"
-    return Option(["--option"], multiple=True, type=ASSIGNMENT, metavar="NAME=VALUE", example=example)
+    return Option(
+        ["--option"],
+        multiple=True,
+        type=ASSIGNMENT,
+        callback=reject_second_value,
+        metavar="NAME=VALUE",
+        example=example,
+    )
+
+
+def reject_second_value(
+    ctx: click.Context, param: click.Parameter, given: tuple[tuple[str, Any], ...]
+) -> tuple[tuple[str, Any], ...]:
+    """Return assignments, each of a name of its own. Raises BadParameter for two values of one name."""
+    values: dict[str, Any] = {}
+    for name, value in given:
+        if name in values:
+            both = output.join([f"{name}={values[name]}", f"{name}={value}"], "items")
+            raise click.BadParameter(output.text("cli.given_twice", values=both), ctx, param)
+        values[name] = value
+    return given
 
 
 def record_option() -> click.Option:
@@ -116,6 +142,29 @@ def dry_run_option() -> click.Option:
 
 
 WHOLE_NUMBER = re.compile(r"[+-]?[0-9]+", re.ASCII)
+_DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+", re.ASCII)
+_NUMBER_WITH_UNIT = re.compile(r"[+-]?[0-9]+([.,][0-9]+)?\s*([^\W\d_]|[%°/])+")
+_NEGATIVE = re.compile(r"-[0-9]+(\.[0-9]+)?", re.ASCII)
+_UNITS = {"HZ": "Hz", "S": "s"}
+"""Units of the values of options and arguments, by their placeholder."""
+
+
+def found_expected(found: object, expected: str) -> str:
+    """Return the problem of a value; an empty one is shown in quotation marks."""
+    return output.text("cli.found_expected", found=found if str(found).strip() else f'"{found}"', expected=expected)
+
+
+def _number_problem(found: object, expected: str, param: click.Parameter | None) -> str:
+    """Return the problem of a number, and what to type where a decimal comma, a unit or a sign explains it."""
+    number, unit = half_width(str(found)).strip(), _UNITS.get(getattr(param, "metavar", None) or "")
+    problem, hint = found_expected(found, expected), None
+    if _DECIMAL_COMMA.fullmatch(number):
+        hint = output.text("cli.decimal_point", number=number.replace(",", "."))
+    elif _NUMBER_WITH_UNIT.fullmatch(number):
+        hint = output.text("cli.number_in" if unit else "cli.number_alone", unit=unit)
+    elif unit == "Hz" and _NEGATIVE.fullmatch(number):
+        hint = output.text("cli.no_negative_frequency")
+    return problem if hint is None else output.join([problem, hint], "clauses")
 
 
 class CheckedType(_Type):
@@ -130,7 +179,9 @@ class CheckedType(_Type):
         try:
             return self.inner.convert(value, param, ctx)
         except click.BadParameter:
-            self.fail(output.text("cli.found_expected", found=value, expected=output.text(self.key)), param, ctx)
+            expected, is_number = output.text(self.key), isinstance(self.inner, NumberType)
+            problem = _number_problem(value, expected, param) if is_number else found_expected(value, expected)
+            self.fail(problem, param, ctx)
 
 
 class NumberType(_Type):
@@ -148,7 +199,7 @@ class NumberType(_Type):
         except (ValueError, OverflowError):
             found = None
         if found is None or not self.low <= found <= self.high:
-            self.fail(output.text("cli.found_expected", found=value, expected=self._expected()), param, ctx)
+            self.fail(_number_problem(value, self._expected(), param), param, ctx)
         return found
 
     def _number(self, value: Any) -> float:
@@ -181,20 +232,22 @@ class ParsedType(_Type):
         try:
             return self.parse(value)
         except ValueError:
-            self.fail(output.text("cli.found_expected", found=value, expected=output.text(self.key)), param, ctx)
+            self.fail(found_expected(value, output.text(self.key)), param, ctx)
+
+
+def parse_model(text: str) -> str:
+    """Return the name of a model as the profiles spell it; an unknown one as it is. Raises ValueError for no name."""
+    from drivebus.profiles.load import model_name
+
+    if not text.strip():
+        raise ValueError(text)
+    return model_name(text.strip())
 
 
 def _parse_format(text: str) -> str:
     from drivebus.serial_settings import SerialSettings
 
     return SerialSettings.parse(9600, text).format
-
-
-def _parse_frequency(text: str) -> float:
-    value = parse_decimal(text)
-    if not 0.0 <= value <= 4000.0:
-        raise ValueError(text)
-    return value
 
 
 def parse_assignment(text: str) -> tuple[str, str]:
@@ -215,7 +268,8 @@ FOLDER = CheckedType(click.Path(file_okay=False, path_type=Path), "cli.expect.fo
 SEED = NumberType(0, 2**32 - 1)
 PERIOD = NumberType(0.1, 86_400.0)
 CAPTURE = ParsedType("capture", _parse_capture_file, "cli.expect.capture")
+MODEL = ParsedType("model", parse_model, "cli.expect.model")
 FORMAT = ParsedType("format", _parse_format, "cli.expect.format")
 ADDRESSES = ParsedType("addresses", parse_addresses, "cli.expect.addresses")
-FREQUENCY = ParsedType("frequency", _parse_frequency, "cli.expect.frequency")
+FREQUENCY = CheckedType(NumberType(0.0, 4000.0), "cli.expect.frequency")
 ASSIGNMENT = ParsedType("assignment", parse_assignment, "cli.expect.option")

@@ -15,6 +15,7 @@ from drivebus.cli.click_ext import Option
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.output import ProgressBar, format_duration
 from drivebus.types import Json
+from drivebus.values import format_addresses
 
 if TYPE_CHECKING:
     from drivebus.commissioning.scan import DetectedDrive, ScanProgress, SniffResult
@@ -26,19 +27,24 @@ if TYPE_CHECKING:
 
 
 def parse_words(text: str) -> tuple[str, ...]:
-    """Parse ``a,b``. Raises ValueError for an empty list."""
-    found = tuple(part.strip() for part in text.split(",") if part.strip())
-    if not found:
+    """Parse ``a,b``. Raises ValueError for an empty field: a value may be missing there."""
+    found = tuple(part.strip() for part in text.split(","))
+    if not all(found):
         raise ValueError(text)
     return found
+
+
+def parse_models(text: str) -> tuple[str, ...]:
+    """Parse ``c320,vc660``. Raises ValueError."""
+    return tuple(map(options.parse_model, parse_words(text)))
 
 
 def parse_bauds(text: str) -> tuple[int, ...]:
     """Parse ``9600,19200``. Raises ValueError."""
-    found = tuple(int(part) for part in parse_words(text))
-    if any(not 50 <= baud <= 4_000_000 for baud in found):
+    words = parse_words(text)
+    if not all(options.WHOLE_NUMBER.fullmatch(word) and 50 <= int(word) <= 4_000_000 for word in words):
         raise ValueError(text)
-    return found
+    return tuple(map(int, words))
 
 
 def parse_formats(text: str) -> tuple[str, ...]:
@@ -50,7 +56,7 @@ def parse_formats(text: str) -> tuple[str, ...]:
 
 def search_options() -> list[click.Parameter]:
     """Return ``--models``, ``--addresses``, ``--bauds`` and ``--formats``: what a scan looks for."""
-    models = options.ParsedType("models", parse_words, "cli.expect.models")
+    models = options.ParsedType("models", parse_models, "cli.expect.models")
     return [
         Option(["--models"], type=models, metavar="M,...", example="--models c320,vc660"),
         Option(["--addresses"], type=options.ADDRESSES, metavar="N,...", example="--addresses 1-8"),
@@ -319,20 +325,9 @@ def _unreadable_rows(found: list[DetectedDrive]) -> list[list[str]]:
         settings = output.join(_formats_by_baud(drive.settings for drive in drives), "items")
         addresses.setdefault((encodings, settings), []).append(address)
     return [
-        [_address_ranges(alike), output.text("scan.unknown"), *tried_with, output.text("scan.no_valid_reply")]
+        [format_addresses(alike), output.text("scan.unknown"), *tried_with, output.text("scan.no_valid_reply")]
         for tried_with, alike in addresses.items()
     ]
-
-
-def _address_ranges(addresses: list[int]) -> str:
-    """Return ascending addresses as ``--addresses`` reads them: ``1-3,7``."""
-    ranges: list[list[int]] = []
-    for address in addresses:
-        if ranges and ranges[-1][-1] == address - 1:
-            ranges[-1][1:] = [address]
-        else:
-            ranges.append([address])
-    return ",".join("-".join(map(str, one)) for one in ranges)
 
 
 def _formats_by_baud(settings: Iterable[SerialSettings]) -> list[str]:

@@ -30,7 +30,7 @@ from drivebus.drives.dialects.modbus_writes import (
     UnlockWrite,
 )
 from drivebus.errors import ProtocolError
-from drivebus.profiles.load import load, models
+from drivebus.profiles.load import load, model_name, models
 from drivebus.profiles.model import (
     SETPOINT_STEP,
     CommandMap,
@@ -78,13 +78,14 @@ SIGNAL_SOURCES: dict[str, Callable[[Motor], float]] = {
 
 
 def simulated_model(model: str) -> SimulatedModel | None:
-    """Return a Modbus model of this name simulated from its profile, None where there is none.
+    """Return a Modbus model of this name, in any case, simulated from its profile; None where there is none.
 
     Raises ProfileError for a faulty file.
     """
-    if model not in models():
+    name = model_name(model)
+    if name not in models():
         return None
-    profile = load(model)
+    profile = load(name)
     if profile.family != MODBUS or profile.commands is None:
         return None
     low, high = profile.addresses

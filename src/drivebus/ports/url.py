@@ -22,7 +22,11 @@ from drivebus.values import half_width, parse_decimal
 DEFAULT_SETTINGS = SerialSettings(9600)  # the factory setting of most models
 NETWORK_SCHEMES = frozenset({"tcp", "rfc2217"})
 PORT_URL_EXAMPLES = (
-    "/dev/ttyUSB0, COM3, serial:///dev/ttyUSB0?baud=9600&format=8E1, tcp://192.168.1.50:4001, sim://c320@1"
+    "/dev/ttyUSB0",
+    "COM3",
+    "serial:///dev/ttyUSB0?baud=9600&format=8E1",
+    "tcp://192.168.1.50:4001",
+    "sim://c320@1",
 )
 
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
@@ -85,7 +89,7 @@ class PortUrl:
         """Return an option that is on or off, off where it is not given. Raises PortUrlError."""
         found = self.options.get(name, "off")
         if found.lower() not in _BOOLEAN_WORDS:
-            raise PortUrlError("ports.option", port=self.text, name=name, found=found, expected="on, off")
+            raise PortUrlError("ports.option", port=self.text, name=name, found=found, expected=("on", "off"))
         return _BOOLEAN_WORDS[found.lower()]
 
     def number(self, name: str, default: float, lowest: float, highest: float) -> float:
@@ -151,6 +155,8 @@ def _split_scheme(text: str) -> tuple[str, str]:
     if match := _SCHEME.match(text):
         return match[1].lower(), text[match.end() :]
     path = text.partition("?")[0]
+    if path.lower().endswith(".toml"):
+        raise PortUrlError("ports.url_plant", found=text)
     if _COM.fullmatch(path) or _is_path(path) or _is_device(path):
         return "serial", text
     raise PortUrlError("ports.url", found=text, examples=PORT_URL_EXAMPLES, hint=_suggestion(text))
@@ -205,7 +211,9 @@ def _settings(text: str, baud: str, format: str) -> SerialSettings:
     try:
         return SerialSettings.parse(int(baud), format)
     except ValueError:
-        raise PortUrlError("ports.format", port=text, found=format, expected="8N1, 8E1, 8O1, 8N2, 7E1 …") from None
+        raise PortUrlError(
+            "ports.format", port=text, found=format, expected=("8N1", "8E1", "8O1", "8N2", "7E1 …")
+        ) from None
 
 
 def _address(text: str, scheme: str, target: str) -> tuple[str, int]:

@@ -159,7 +159,7 @@ def _check_entry(profile: ProfileIn, path: KeyPath, entry: SignalIn | ParameterI
         name = "words" if entry.words > 1 else "coding"
         yield issue("no_effect_beside", (*path, name), getattr(entry, name), other=f'space = "{entry.space}"')
     if entry.words > 1 and entry.coding == "bcd":
-        yield issue("choice", (*path, "coding"), "bcd", choices="binary, signed")
+        yield issue("choice", (*path, "coding"), "bcd", choices=("binary", "signed"))
     is_written = isinstance(entry, ParameterIn) and entry.writable
     if is_written and entry.space in READ_ONLY_SPACES:
         yield issue("choice", (*path, "writable"), "true", related=((*path, "space"),), choices="false")

@@ -116,7 +116,8 @@ def issue(
 
 def unreadable_issue(error: OSError) -> Issue:
     """Return the issue of a file or folder that the operating system does not let us read."""
-    return issue("unreadable", (), Text.per_language(SystemReason(error).text))
+    reason = Text.per_language(SystemReason(error).text)
+    return issue("folder", (), reason) if isinstance(error, IsADirectoryError) else issue("unreadable", (), reason)
 
 
 def to_diagnostic(found: Issue, file: str, line: int | None, catalogue: str = DEFAULT_CATALOGUE) -> Diagnostic:

@@ -1,14 +1,15 @@
 """Loader of profiles: finds the TOML file, follows ``extends``, checks it and has the ``DriveProfile`` built.
 
 A model name is searched among the profiles that come with drivebus, those of installed protocol families, and the
-user's directory (``$XDG_CONFIG_HOME/drivebus/profiles``), in this order. A user's profile can't take the name of one of
-the others, so that no ``vc660`` changes silently.
+user's directory (``$XDG_CONFIG_HOME/drivebus/profiles``), in this order, in any case: ``VC660`` is ``vc660``. A user's
+profile can't take the name of one of the others, so that no ``vc660`` changes silently.
 """
 
 from __future__ import annotations
 
+import errno
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cache
@@ -62,6 +63,11 @@ def models() -> list[str]:
 def included_models() -> list[str]:
     """Return the built-in models and those of other families, without the user's."""
     return [*_builtin_files(), *_family_files()]
+
+
+def model_name(text: str) -> str:
+    """Return the name of a model that a user typed in any case, as ``models`` spells it; an unknown one as it is."""
+    return _in_any_case(text, models()) or text
 
 
 def load(model: str | Path) -> DriveProfile:
@@ -145,18 +151,32 @@ def _find_file(model: str | Path, beside: Path | None = None) -> Path:
     name = str(model)
     if isinstance(model, Path) or name.endswith(".toml") or "/" in name or os.sep in name:
         path = (beside or Path()) / Path(name).expanduser()
+        if path.is_dir():
+            raise _single_error(path, unreadable_issue(IsADirectoryError(errno.EISDIR, "")))
         if not path.is_file():
             raise _single_error(path, issue("no_file", (), name))
         return path.resolve()
-    shipped, own = _builtin_files().get(name) or _family_files().get(name), None
+    shipped, own = _file_in_any_case(name, _builtin_files()) or _file_in_any_case(name, _family_files()), None
     with suppress(ProfileError) if shipped else nullcontext():
-        own = _user_files().get(name)
+        own = _file_in_any_case(name, _user_files())
     if shipped and own:
         raise _single_error(own, issue("shadows", (), name))
     found = shipped or own
     if found is None:
         raise _single_error(Path(name), issue("no_model", (), name, near=tuple(similar_models(name)) or "-"))
     return found
+
+
+def _file_in_any_case(name: str, files: Mapping[str, Path]) -> Path | None:
+    return files.get(_in_any_case(name, files) or "")
+
+
+def _in_any_case(name: str, known: Collection[str]) -> str | None:
+    """Return the one of the known names that equals ``name``, else the only one that differs in case alone."""
+    if name in known:
+        return name
+    alike = [one for one in known if one.casefold() == name.casefold()]
+    return alike[0] if len(alike) == 1 else None
 
 
 def similar_models(name: str) -> list[str]:

@@ -41,7 +41,7 @@ JogFrequency = Literal["drive", "command", "either"]
 class NotationStyle:
     """The way a manual writes parameter and signal addresses."""
 
-    examples: str
+    examples: tuple[str, ...]
     """For error texts."""
     parse: Callable[[str, int, Mapping[str, int]], Locator | None]
     """(upper-case text, highest index, group sizes) to locator; None for text of another form.

@@ -8,8 +8,9 @@ import pytest
 
 from drivebus.errors import ConfigurationError
 from drivebus.service import config
-from drivebus.service.config.load import state_directory_of
+from drivebus.service.config.load import loads, state_directory_of
 from drivebus.service.config.model import OnClientLost, OnRestart, OnServiceStop, title_of
+from fixtures.service import SHOP_FILE
 
 SAMPLES = sorted(Path(config.__file__).parent.glob("sample.*.toml"))
 SMALL = """
@@ -85,3 +86,8 @@ def test_a_title_without_a_text_or_of_no_language_is_refused(tmp_path: Path, tit
     path.write_text(f"format = 1\n[plant]\nid = 'p'\ntitle = {title}\n", encoding="utf-8")
     with pytest.raises(ConfigurationError):
         config.load(path)
+
+
+def test_the_model_of_a_drive_is_taken_in_any_case(tmp_path: Path) -> None:
+    plant = loads(SHOP_FILE.replace('"c320"', '"C320"'), "plant.toml", tmp_path)
+    assert [drive.model for drive in plant.drives] == ["c320"] * len(plant.drives)

@@ -118,6 +118,12 @@ def test_invalid_answers_are_rejected_and_nothing_is_written(
     assert not (tmp_path / "plant.toml").exists()
 
 
+def test_the_models_of_answers_are_taken_in_any_case(answers: Path, tmp_path: Path) -> None:
+    answers.write_text(ANSWERS.replace('"vc660"', '"VC660"').replace('"c320"', '"C320"'), encoding="utf-8")
+    assert init("--answers", answers, "-o", tmp_path / "plant.toml").exit_code == 0
+    assert {one.model for one in config.load(tmp_path / "plant.toml").drives} == {"c320", "vc660"}
+
+
 def test_without_a_terminal_there_are_no_questions(tmp_path: Path) -> None:
     result = init("/dev/ttyUSB0", "-o", tmp_path / "plant.toml")
     assert result.exit_code == 2 and "--answers" in result.output
@@ -196,8 +202,27 @@ def test_the_model_that_the_user_names_is_written_though_others_answer_alike(tmp
     assert config.load(path).drives == (), "two were named"
 
 
+def test_full_width_answers_are_read_as_half_width_ones_and_names_stay(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A Chinese input method types them: the dialog refused ``ｙ`` in English, and ``１，３`` without the reason."""
+    monkeypatch.setattr(init_command, "_on_terminal", lambda: True)
+    path = tmp_path / "plant.toml"
+    message = (
+        "泵站（１）\n／ｄｅｖ／ttyUSB0\nＶＣ660\n１，３\n主泵１\n\nｙ\nsim：//c320@1\nＣ320\n１—２\n\n\n也许\n否\n"
+    )
+    result = init("-o", path, "--lang", "zh", input=message)
+    assert result.exit_code == 0, result.output
+    plant = config.load(path)
+    assert (plant.title.zh, [bus.port for bus in plant.buses]) == ("泵站（１）", ["/dev/ttyUSB0", "sim://c320@1"])
+    assert [(one.model, one.address) for one in plant.drives] == [("vc660", 1), ("vc660", 3), ("c320", 1), ("c320", 2)]
+    assert plant.drives[0].title.zh == "主泵１"
+    assert "收到也许，应为：y 或 n" in result.output
+
+
 @pytest.mark.parametrize(
-    ("typed", "models"), [("svd_p\n", ["svd_p"]), ("gd10\nshihlin_se2\n", ["shihlin_se2"]), ("\n", [])]
+    ("typed", "models"),
+    [("SVD_P\n", ["svd_p"]), ("svd_p\n", ["svd_p"]), ("gd10\nshihlin_se2\n", ["shihlin_se2"]), ("\n", [])],
 )
 def test_at_a_terminal_the_user_is_asked_for_the_name_plate(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, typed: str, models: list[str]

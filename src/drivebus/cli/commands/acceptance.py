@@ -125,11 +125,18 @@ async def _run(target: Target, motor: bool, frequency_hz: float, folder: Path) -
 
 
 def _finding_text(finding: StepFinding) -> str:
-    figures = output.join((f"{name}={value}" for name, value in _figures(finding).items()), "items")
+    figures = output.join((f"{name}={_figure_text(value)}" for name, value in _figures(finding).items()), "items")
     reason = output.text(finding.reason) if finding.reason else ""
     step = output.text(f"acceptance.step.{finding.step}")
     parts = [f"[{output.text(f'acceptance.{finding.verdict}')}] {step}", figures, reason]
     return "\n    ".join(part for part in parts if part)
+
+
+def _figure_text(value: Any) -> str:
+    """Format the counts of a dict as a list in the user's language, any other value as it is."""
+    if not isinstance(value, dict):
+        return str(value)
+    return output.join((f"{name} {count}" for name, count in value.items()), "items") or "-"
 
 
 def _figures(finding: StepFinding) -> dict[str, Any]:

@@ -153,7 +153,7 @@ def _refresh(drive: DriveLoadEstimate) -> str:
     for name, period_s in drive.periods.items():
         alike.setdefault((period_s, drive.refresh[name]), []).append(name)
     groups = (
-        f"{format_seconds(times[0])} (≤ {format_seconds(times[1])}): {', '.join(alike[times])}"
+        f"{format_seconds(times[0])} (≤ {format_seconds(times[1])}): {output.join(alike[times], 'items')}"
         for times in sorted(alike)
     )
     return " · ".join(groups)
@@ -212,7 +212,7 @@ command = CliCommand(
     "check",
     callback=_check,
     params=[
-        Argument(["plant"], metavar="PLANT", type=click.Path(), key="help.argument.plant_file"),
+        Argument(["plant"], metavar="PLANT.toml", type=click.Path(), key="help.argument.plant_file"),
         Option(
             ["--assert", "requirements"],
             multiple=True,

@@ -6,11 +6,10 @@ import asyncio
 import sys
 from typing import TYPE_CHECKING
 
-import click
-
 from drivebus.cli import options, output
 from drivebus.cli.click_ext import CliCommand, Option
 from drivebus.cli.errors import ExitCode
+from drivebus.cli.prompts import confirm
 from drivebus.types import Json
 
 if TYPE_CHECKING:
@@ -40,7 +39,7 @@ async def _connect_and_test(
     async with open_client(service) as client:
         view = await client.call(DRIVES_GET.name, {"drive": name})
         question = output.text("comm_loss_test.confirm", drive=name, frequency_hz=f"{frequency_hz:g}")
-        if not yes and not click.confirm(question, default=False, err=True):
+        if not yes and not confirm(question):
             return ExitCode.DONE
         drive = RemoteDrive(client, name, view["address"], profiles.load(view["model"]))
         with shutdown_signals(may_suspend=False) as shutdown:

@@ -13,6 +13,7 @@ import click
 from drivebus.cli import output
 from drivebus.cli.click_ext import Argument, CliCommand, Option
 from drivebus.cli.errors import ExitCode
+from drivebus.cli.prompts import confirm, prompt, prompt_text
 from drivebus.cli.scanning import (
     ScanRequest,
     listen_option,
@@ -151,11 +152,13 @@ def _drive_answer(port: str, drive: DetectedDrive, named: tuple[str, ...]) -> Dr
 
 def _ask_model(drive: DetectedDrive) -> str | None:
     """Ask which of the models that the bus can't tell apart the drive is; None where the user leaves it open."""
+    from drivebus.profiles.load import model_name
+
     models = output.join(drive.models, "items")
     question = output.text("plant_init.ask_alike", address=drive.address, models=models)
-    while answer := click.prompt(question, default="", show_default=False, err=True).strip():
-        if answer in drive.models:
-            return str(answer)
+    while answer := prompt(question, "", show_default=False):
+        if (model := model_name(answer)) in drive.models:
+            return model
         output.print_note("cli.found_expected", found=answer, expected=models)
     return None
 
@@ -173,7 +176,7 @@ def _ask_answers(ports: tuple[str, ...]) -> PlantAnswers:
         raise ConfigurationError("plant_init.no_terminal")
     title = _ask("title", output.text("plant_init.default_title"))
     buses = [_ask_bus(port) for port in ports or (_ask("port", check=open_port),)]
-    while not ports and click.confirm(output.text("plant_init.ask_more"), default=False, err=True):
+    while not ports and confirm(output.text("plant_init.ask_more")):
         buses.append(_ask_bus(_ask("port", check=open_port)))
     return PlantAnswers(title, tuple(buses))
 
@@ -184,10 +187,11 @@ def _on_terminal() -> bool:
 
 def _ask_bus(port: str) -> BusAnswer:
     from drivebus import profiles
+    from drivebus.profiles.load import model_name
     from drivebus.service.config.wizard import BusAnswer, DriveAnswer
 
     output.print_note("plant_init.about", port=port)
-    model = _ask("model", "c320", check=profiles.load)
+    model = model_name(_ask("model", "c320", check=profiles.load))
     addresses = parse_addresses(_ask("addresses", "1", check=lambda text: _check_addresses(model, text)))
     names = [_ask("name", f"{model} {address}", address=address) for address in addresses]
     drives = (DriveAnswer(address, model, name) for address, name in zip(addresses, names, strict=True))
@@ -209,8 +213,9 @@ def _ask(name: str, default: str | None = None, check: Callable[[str], object] |
     from drivebus.cli.errors import error_text
     from drivebus.errors import DrivebusError
 
+    ask = prompt_text if name in _FREE_TEXTS else prompt
     while True:
-        answer: str = click.prompt(output.text(f"plant_init.ask_{name}", **params), default=default, err=True).strip()
+        answer = ask(output.text(f"plant_init.ask_{name}", **params), default)
         try:
             if check is not None:
                 check(answer)
@@ -219,6 +224,10 @@ def _ask(name: str, default: str | None = None, check: Callable[[str], object] |
             click.echo(error_text(error), err=True)
         except ValueError:
             output.print_note("cli.found_expected", found=answer, expected=output.text(f"cli.expect.{name}"))
+
+
+_FREE_TEXTS = frozenset({"title", "name"})
+"""Questions whose answers are texts of the user, in any characters."""
 
 
 command = CliCommand(

@@ -10,6 +10,8 @@ import click
 from drivebus.cli import output
 from drivebus.cli.click_ext import Argument, CliCommand, Option
 from drivebus.cli.errors import ExitCode, print_error
+from drivebus.cli.prompts import prompt_text
+from drivebus.values import half_width
 
 if TYPE_CHECKING:
     from drivebus.commissioning.new_profile.questions import Question
@@ -83,7 +85,7 @@ def _read_answers(path: str) -> dict[str, str]:
     answers: dict[str, str] = {}
     for name, question in known.items():
         if name in data:
-            text = str(data[name]).strip()
+            text = _without_full_width(question, str(data[name]).strip())
             try:
                 check_answer(question, text, answers)
             except (ValueError, KeyError):
@@ -103,12 +105,20 @@ def _ask_all(answers: dict[str, str]) -> None:
     for question in open_questions(answers):
         asked = output.text(f"profile_new.ask_{question.name}")
         while question.name not in answers:
-            text: str = click.prompt(asked, default=question.default, err=True).strip()
+            text = _without_full_width(question, prompt_text(asked, question.default))
             try:
                 check_answer(question, text, answers)
                 answers[question.name] = text
             except ValueError:
                 output.print_note("profile_new.wrong", found=text, expected=_expected(question, answers))
+
+
+def _without_full_width(question: Question, text: str) -> str:
+    """Return an answer in half-width characters; a text of the user as it is, but for the mark of an unknown fact."""
+    from drivebus.commissioning.new_profile.questions import UNKNOWN
+
+    plain = half_width(text).strip()
+    return text if question.kind == "text" and plain != UNKNOWN else plain
 
 
 def _expected(question: Question, answers: dict[str, str]) -> str:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
+
+import click
 
 from drivebus.cli import connect, output
 from drivebus.cli.click_ext import Argument
@@ -15,6 +18,10 @@ from drivebus.profiles.model import Parameter, Signal
 if TYPE_CHECKING:
     from drivebus.cli.dry_run import DryRun
     from drivebus.values import Reading
+
+
+_BETWEEN_NAMES = re.compile(r"[\s,;，、；]+")
+"""What a user types between names; no name of a profile has it."""
 
 
 async def _read(target: Target, names: tuple[str, ...]) -> ExitCode:
@@ -59,6 +66,15 @@ def _cells(one: dict[str, Any], entry: Signal | Parameter) -> list[str]:
     return [one["notation"], wire, one["raw_hex"] or "–", value, one["text"] + meaning + reason]
 
 
+def _reject_joined_names(ctx: click.Context, param: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names. Raises BadParameter where a comma joins some: they are separated by blanks."""
+    joined = [name for name in names if _BETWEEN_NAMES.search(name.strip())]
+    if joined:
+        apart = " ".join(filter(None, _BETWEEN_NAMES.split(" ".join(names))))
+        raise click.BadParameter(output.text("read.joined", found=" ".join(names), names=apart), ctx, param)
+    return names
+
+
 def _plan(dry: DryRun, names: tuple[str, ...]) -> ExitCode:
     from drivebus.profiles.notation import find_entry
 
@@ -75,7 +91,7 @@ command = drive_command(
     "read",
     _read,
     _plan,
-    extra=(Argument(["names"], nargs=-1, required=True, metavar="NAME..."),),
+    extra=(Argument(["names"], nargs=-1, required=True, metavar="NAME...", callback=_reject_joined_names),),
     examples=(
         "drivebus read /dev/ttyUSB0 F0.1 F9.4 output_frequency --model c320 --address 1",
         "drivebus read sim://vc660@3 F00.02 3006H --model vc660 --address 3 --json",

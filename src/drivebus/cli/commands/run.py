@@ -227,7 +227,8 @@ def _plan(dry: DryRun, frequency: float, reverse: bool, wait: bool, detach: bool
     dry.add_start_preparation()
     for purpose, frames in start_frames(dialect, frequency, direction):
         dry.add(purpose, [frame.request for frame in frames])
-    return dry.print("dry.note.fewer", "dry.note.confirm")
+    at_zero = dry.drive.check_frequency(frequency)[1] == 0.0
+    return dry.print(*(["drives.run_at_zero"] if at_zero else ()), "dry.note.fewer", "dry.note.confirm")
 
 
 def start_frames(dialect: Dialect, frequency_hz: float, direction: Direction | None) -> list[tuple[str, Any]]:

@@ -56,7 +56,17 @@ def _simulate(
         ramp_s=ramp,
         options=options,
     )
+    _check_encoding(bus, model, encoding)
     return asyncio.run(_serve(bus, bind, link))
+
+
+def _check_encoding(bus: SimulatedBus, model: str, encoding: str | None) -> None:
+    """Raise ConfigurationError for an encoding in which the simulated drives do not answer."""
+    from drivebus.errors import ConfigurationError
+
+    known = tuple(codec.encoding for codec in bus.stations[0].codecs)
+    if encoding is not None and encoding not in known:
+        raise ConfigurationError("sim.encoding", model=model, found=encoding, expected=known)
 
 
 def make_bus(

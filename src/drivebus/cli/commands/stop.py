@@ -26,6 +26,7 @@ from drivebus.errors import (
     StopUnconfirmed,
 )
 from drivebus.types import Json
+from drivebus.values import format_addresses
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus
@@ -83,6 +84,8 @@ def _stop_one(port: str | None, given: dict[str, Any], quick: bool, assume_model
         remote = pop_remote_target(given | {"address": addresses, "dry_run": dry_run, "port": None})
     if remote is None:
         _require("target", port)
+        if str(port).endswith(".toml"):
+            raise ConfigurationError("stop_all.plant_needs_all", file=port)
         _require("model", given["model"])
         _require("addresses", addresses)
         if len(addresses) != 1:
@@ -128,6 +131,7 @@ def _stop_bus(port: str, given: dict[str, Any]) -> ExitCode:
         raise ConfigurationError("service.drive_alone")
     target = Target(port=port, address=0, **_port_options(given))
     addresses = given["addresses"] or _all_addresses(target)
+    _check_addresses(target, addresses)
     if given["dry_run"]:
         return _print_plan(target, addresses, broadcast=True)
     with stop_errors(None):
@@ -137,6 +141,17 @@ def _stop_bus(port: str, given: dict[str, Any]) -> ExitCode:
 def _all_addresses(target: Target) -> tuple[int, ...]:
     low, high = target.profile.addresses
     return tuple(address for address in range(low, high + 1) if address != target.profile.broadcast)
+
+
+def _check_addresses(target: Target, addresses: tuple[int, ...]) -> None:
+    """Raise ConfigurationError that names every address which the model does not have."""
+    known = _all_addresses(target)
+    outside = [address for address in addresses if address not in known]
+    if outside:
+        inside = format_addresses(sorted(set(addresses) - set(outside)) or known)
+        expected = format_addresses(known)
+        params = {"model": target.profile.model, "found": format_addresses(outside), "expected": expected}
+        raise ConfigurationError("stop_all.addresses", **params, example=f"--address {inside}")
 
 
 async def _stop_addresses(target: Target, addresses: tuple[int, ...], find: bool) -> ExitCode:

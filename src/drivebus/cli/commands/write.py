@@ -60,6 +60,7 @@ command = drive_command(
             required=True,
             metavar="NAME=VALUE...",
             type=options.ParsedType("assignment", parse_parameter_assignment, "cli.expect.assignment"),
+            callback=options.reject_second_value,
         ),
         Option(["--save"], is_flag=True),
         Option(["--force"], is_flag=True, key="help.option.write_force"),

@@ -87,4 +87,4 @@ def _check_direction(wanted: str | None) -> FrameDirection | None:
         return "request"
     if wanted == "response":
         return "response"
-    raise ConfigurationError("explain.direction", found=wanted, expected="request, response")
+    raise ConfigurationError("explain.direction", found=wanted, expected=("request", "response"))

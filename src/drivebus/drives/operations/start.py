@@ -68,6 +68,8 @@ def run(
         if op.may_be_running:
             raise
         raise PortLost("drives.start_not_sent_port", why=Text.per_language(error.text)) from error
+    if actual_hz == 0.0 and outcome.succeeded:
+        outcome = with_note(outcome, "drives.run_at_zero")
     return _note_unread_preconditions(op, outcome)
 
 

@@ -47,7 +47,7 @@ FAMILY: Final = ProtocolFamily(
     gap_characters=3.5,
     jog_frequency="drive",
     notations={
-        "huanyang": NotationStyle(examples="PD005 (PD000-PD255), CFG1 (CFG0-CFG7)", parse=_parse, format=_format)
+        "huanyang": NotationStyle(examples=("PD005 (PD000-PD255)", "CFG1 (CFG0-CFG7)"), parse=_parse, format=_format)
     },
     describe="drivebus.families.huanyang.describe:describe",
     dialect="drivebus.families.huanyang.dialect:HuanyangDialect",

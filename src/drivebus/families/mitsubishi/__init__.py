@@ -44,7 +44,7 @@ FAMILY: Final = ProtocolFamily(
     broadcast=None,
     gap_characters=0.0,
     jog_frequency="drive",
-    notations={"mitsubishi": NotationStyle(examples="H6F, H7A", parse=_parse, format=_format)},
+    notations={"mitsubishi": NotationStyle(examples=("H6F", "H7A"), parse=_parse, format=_format)},
     describe="drivebus.families.mitsubishi.describe:describe",
     dialect="drivebus.families.mitsubishi.dialect:MitsubishiDialect",
     simulated_models=("drivebus.families.mitsubishi.station:MODELS",),

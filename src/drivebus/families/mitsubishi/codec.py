@@ -118,7 +118,7 @@ class MitsubishiCodec:
         if not data:
             return Incomplete(ACK_SIZE)
         if data[0] not in (STX, ACK, NAK):
-            raise HeaderError("mitsubishi.reply_header", expected="02, 06, 15", found=data[0])
+            raise HeaderError("mitsubishi.reply_header", expected=("02", "06", "15"), found=data[0])
         digits = READ_DIGITS.get(request.code, 0)
         if (data[0] == ACK and digits) or (data[0] == STX and not digits):
             raise EchoError("mitsubishi.reply_form", expected="02" if digits else "06", found=data[0])

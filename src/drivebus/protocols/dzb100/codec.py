@@ -128,7 +128,7 @@ def _frame(head: int, mark: int, address: int, index: int, data: int) -> bytes:
 def check_head(data: bytes) -> Incomplete | None:
     """Return None for 11 or more bytes with a known head and S, Incomplete for fewer."""
     if data and data[0] not in HEADS:
-        raise HeaderError("protocols.dzb100.header", expected="C, P, R, Q", found=data[0])
+        raise HeaderError("protocols.dzb100.header", expected=("C", "P", "R", "Q"), found=data[0])
     if len(data) > 1 and data[1] != CONSTANT_S:
         raise ChecksumError("protocols.dzb100.checksum", expected=CONSTANT_S, found=data[1])
     return Incomplete(FRAME_SIZE) if len(data) < FRAME_SIZE else None
@@ -170,7 +170,7 @@ def _check_range(name: str, value: int, low: int, high: int) -> None:
 
 def _parse_request(head: int, mark: int, address: int, index: int, word: int) -> Dzb100Request:
     if mark != MARK_ONE and not (mark == MARK_ALL and head == Dzb100Control.head):
-        raise CodeError("protocols.dzb100.mark", expected="01, 02", found=mark)
+        raise CodeError("protocols.dzb100.mark", expected=("01", "02"), found=mark)
     if head == Dzb100Control.head:
         command = COMMAND_BY_CODE.get(index % 10)  # the high digit is not defined
         if command is None:
@@ -194,7 +194,7 @@ def parse_reply(data: bytes) -> Dzb100Reply:
         return Dzb100Reply(head=chr(data[0]), address=address, index=index, data=word, accepted=mark == ACK_DONE)
     digit = STATE_DIGITS.get(mark)
     if digit is None or data[0] != Dzb100Control.head:
-        raise CodeError("protocols.dzb100.acknowledge", expected="06, 07", found=mark)
+        raise CodeError("protocols.dzb100.acknowledge", expected=("06", "07"), found=mark)
     return Dzb100Reply(head="C", address=address, index=index, data=word, accepted=None, digit=digit)
 
 

@@ -35,7 +35,7 @@ FAMILY: Final = ProtocolFamily(
     gap_characters=0.0,  # not published
     max_error_rate=0.001,  # nothing on the wire detects a flipped bit
     jog_frequency="command",
-    notations={"dzb100": NotationStyle(examples="10 (00-80), Q01 (Q00-Q03)", parse=_parse, format=_format)},
+    notations={"dzb100": NotationStyle(examples=("10 (00-80)", "Q01 (Q00-Q03)"), parse=_parse, format=_format)},
     describe="drivebus.commissioning.decode.dzb100:describe",
     dialect="drivebus.drives.dialects.dzb100:Dzb100Dialect",
     calibrations="drivebus.drives.operations.dzb100_calibration:STEPS",

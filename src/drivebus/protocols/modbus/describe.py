@@ -146,7 +146,7 @@ def _standalone_length(octets: bytes, short: bool, form: ReplyForm) -> int:
     if function in ECHO_FUNCTIONS:
         return FIXED_PDU.size
     if function not in READ_FUNCTIONS:
-        raise CodeError("modbus.unknown_function", expected="1-6, 8, 15, 16", found=function)
+        raise CodeError("modbus.unknown_function", expected=("1-6", "8", "15", "16"), found=function)
     if (count == 0 and form.error_form != "short") or (function in REGISTER_FUNCTIONS and count % 2):
         raise LengthError("modbus.byte_count", expected=count + 1, found=count)
     return head + count

@@ -109,19 +109,19 @@ FAMILY: Final = ProtocolFamily(
     jog_frequency="drive",
     notations={
         "consecutive": NotationStyle(
-            examples="F00.02, 3002H, 0x3002",
+            examples=("F00.02", "3002H", "0x3002"),
             parse=_with_space(_parse_consecutive),
             format=_format_register,
             is_raw_address=_is_raw_address,
         ),
         "hundreds": NotationStyle(
-            examples="F1.07 (F0.00-F9.99), 2001H, 0x2001",
+            examples=("F1.07 (F0.00-F9.99)", "2001H", "0x2001"),
             parse=_with_space(_parse_hundreds),
             format=_format_hundreds,
             is_raw_address=_is_raw_address,
         ),
         "register": NotationStyle(
-            examples="3002H, 0x3002, 12290",
+            examples=("3002H", "0x3002", "12290"),
             parse=_with_space(_parse_register),
             format=_format_register,
             is_raw_address=lambda text: True,

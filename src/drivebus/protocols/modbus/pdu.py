@@ -165,7 +165,7 @@ def parse_request(octets: bytes) -> ModbusRequest:
         raise AddressError("modbus.address_range", expected=ADDRESSES.stop - 1, found=address)
     if function not in FUNCTIONS:
         raise IllegalRequest(
-            "modbus.unknown_function", octets, ILLEGAL_FUNCTION, expected="1-6, 8, 15, 16", found=function
+            "modbus.unknown_function", octets, ILLEGAL_FUNCTION, expected=("1-6", "8", "15", "16"), found=function
         )
     _, _, register, word = FIXED_PDU.unpack_from(octets)
     if function in REGISTER_FUNCTIONS and 1 <= word <= MAX_READ and register + word <= 0x10000:
@@ -174,7 +174,7 @@ def parse_request(octets: bytes) -> ModbusRequest:
         return WriteRegister(address, register, word)
     if function == 5:
         if word not in (COIL_ON, COIL_OFF):
-            raise IllegalRequest("modbus.coil", octets, ILLEGAL_VALUE, expected="0000H, FF00H", found=word)
+            raise IllegalRequest("modbus.coil", octets, ILLEGAL_VALUE, expected=("0000H", "FF00H"), found=word)
         return WriteBit(address, register, word == COIL_ON)
     if function == 8:
         if register:
@@ -302,7 +302,7 @@ def parse_reply(request: ModbusRequest, octets: bytes, count_bytes: int = 1) -> 
         return RegisterValues(address, function, WORD_STRUCTS[octets[at - 1] >> 1].unpack_from(octets, at))
     if function & 0x80:
         if octets[2] not in EXCEPTION_CODES:
-            raise CodeError("modbus.exception_code", expected="1-8, 10, 11", found=octets[2])
+            raise CodeError("modbus.exception_code", expected=("1-8", "10", "11"), found=octets[2])
         return ExceptionReply(address, function & 0x7F, octets[2])
     if len(octets) == 3:
         return ExceptionReply(address, function, None)

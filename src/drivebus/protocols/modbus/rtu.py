@@ -121,7 +121,7 @@ class ModbusRtuCodec:
         if self._is_rejected_read(request) and code != ILLEGAL_VALUE:
             raise CodeError("modbus.exception_code", expected=ILLEGAL_VALUE, found=code)
         if isinstance(request, ReadRegisters) and request.count != self.rejected_read and code == ILLEGAL_VALUE:
-            raise CodeError("modbus.exception_code", expected="1-2, 4-8, 10, 11", found=code)
+            raise CodeError("modbus.exception_code", expected=("1-2", "4-8", "10", "11"), found=code)
 
     def _short_error(self, request: ModbusRequest, data: bytes) -> DecodeResult | None:
         """Return the short error in five bytes; None where they begin the acknowledgement of this request.

@@ -232,7 +232,9 @@ def _received_request(fields: FrameFields) -> ReceivedRequest:
         raise AddressError("protocols.sunfar.address_range", expected=BROADCAST, found=address)
     operation = OPERATION_BY_CODE.get(code)
     if operation is None:
-        raise CodeError("protocols.sunfar.operation", expected="00-06, 10-16, 20, 21", found=code, address=address)
+        raise CodeError(
+            "protocols.sunfar.operation", expected=("00-06", "10-16", "20", "21"), found=code, address=address
+        )
     return ReceivedRequest(_parse_request(address, frame_class, operation, rest), operation, fields.nibble_data)
 
 
@@ -274,7 +276,7 @@ def expected_reply_size(fmt: FieldFormat, data: bytes) -> int:
     code = fmt.digit(data[CLASS_OFFSET], CLASS_OFFSET)
     response = RESPONSE_BY_CODE.get(code)
     if response is None:
-        raise CodeError("protocols.sunfar.response", expected="0-4, 6-8", found=code)
+        raise CodeError("protocols.sunfar.response", expected=("0-4", "6-8"), found=code)
     return SHORT_LAYOUT.size if response.is_short else WRITE_LAYOUT.size
 
 
@@ -342,7 +344,7 @@ def _parse_identity_in_fault(fmt: FieldFormat, frame: bytes) -> SunfarReply:
 def _parse_state(code: int) -> SunfarState:
     state = STATE_BY_CODE.get(code)
     if state is None:
-        raise CodeError("protocols.sunfar.state", expected="00-05, 11-16, 20, 21", found=code)
+        raise CodeError("protocols.sunfar.state", expected=("00-05", "11-16", "20", "21"), found=code)
     return state
 
 

@@ -41,7 +41,7 @@ FAMILY: Final = ProtocolFamily(
     jog_frequency="either",
     notations={
         "sunfar": NotationStyle(
-            examples="F0.1, F1.10 (F1.0-F1.255), FC.03, d.0 (d.0-d.255)", parse=_parse, format=_format
+            examples=("F0.1", "F1.10 (F1.0-F1.255)", "FC.03", "d.0 (d.0-d.255)"), parse=_parse, format=_format
         )
     },
     describe="drivebus.commissioning.decode.sunfar:describe",

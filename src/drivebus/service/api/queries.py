@@ -5,6 +5,7 @@ from __future__ import annotations
 from drivebus import profiles
 from drivebus.errors import CapabilityError, NotFound, ProfileError
 from drivebus.profiles.listing import list_models
+from drivebus.profiles.load import model_name
 from drivebus.service.api.frames import frame_json
 from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations.audit import AUDIT_LIST, AUDIT_VERIFY
@@ -105,9 +106,10 @@ class Queries:
     @handles(MODELS_GET)
     async def get_model(self, params: ModelParams, actor: Actor) -> Json:
         """Return the profile of a model by its name; a path is no name. Raises NotFound."""
-        if params.model not in profiles.models():
+        model = model_name(params.model)
+        if model not in profiles.models():
             raise NotFound("models.unknown", model=params.model)
-        return profile_json(profiles.load(params.model))
+        return profile_json(profiles.load(model))
 
     @handles(GROUPS_LIST)
     async def list_groups(self, params: NoParams, actor: Actor) -> Json:

@@ -14,6 +14,7 @@ from drivebus.drives.dialects.base import Dialect
 from drivebus.errors import ProfileError
 from drivebus.ports.url import PortUrl
 from drivebus.profiles.diagnostics import Diagnostic
+from drivebus.profiles.load import model_name
 from drivebus.profiles.model import DriveProfile
 from drivebus.service.config.bus_load import serial_settings_of, with_sufficient_interval
 from drivebus.service.config.gateways import installed_gateways
@@ -69,9 +70,9 @@ class ParsedPlant:
         return ((name, drive) for name, drive in self.file.drive.items() if drive.bus == bus)
 
     def model_of(self, drive: DriveTable) -> str:
-        """Return a model's name, or the absolute path of a profile file."""
+        """Return a model's name as the profiles spell it, or the absolute path of a profile file."""
         if not is_model_path(drive.model):
-            return drive.model
+            return model_name(drive.model)
         return str((self.base / Path(drive.model).expanduser()).resolve())
 
     def resolve_path(self, text: str) -> Path:

@@ -14,6 +14,7 @@ from drivebus import i18n, profiles
 from drivebus.drives.dialects.setpoint_step import highest_safe_word, possible_steps_hz
 from drivebus.errors import ConfigurationError
 from drivebus.profiles.diagnostics import issues_from_pydantic, to_diagnostic
+from drivebus.profiles.load import model_name
 from drivebus.profiles.model import SETPOINT_STEP
 from drivebus.profiles.schema import StrictTable
 from drivebus.profiles.toml_file import TomlFault, decode_toml, line_of, toml_string
@@ -95,10 +96,8 @@ def _bus_answer(one: _BusAnswerIn) -> BusAnswer:
         addresses = parse_addresses(one.addresses, highest=999)  # the check of the written file names one too high
     except ValueError:
         raise ConfigurationError("plant_init.addresses", found=one.addresses) from None
-    names = [*one.names, *[""] * len(addresses)]
-    drives = (
-        DriveAnswer(address, one.model, name, one.encoding) for address, name in zip(addresses, names, strict=False)
-    )
+    names, model = [*one.names, *[""] * len(addresses)], model_name(one.model)
+    drives = (DriveAnswer(address, model, name, one.encoding) for address, name in zip(addresses, names, strict=False))
     return BusAnswer(one.port, tuple(drives), one.baud, one.format)
 
 

@@ -31,9 +31,9 @@ def station_option_names() -> frozenset[str]:
 
 
 def simulated_model(name: str) -> SimulatedModel:
-    """Return a simulated drive by the name of its model. Raises ConfigurationError."""
+    """Return a simulated drive by the name of its model, in any case. Raises ConfigurationError."""
     models = simulated_models()
-    found = models.get(name) or _simulated_from_profile(name)
+    found = models.get(name.lower()) or _simulated_from_profile(name)
     if found is None:
         raise ConfigurationError("sim.model", found=name, near=tuple(_similar_models(name) or list(models)[:4]))
     return found
@@ -88,10 +88,10 @@ def make_stations(
     for part in text.split("+"):
         model, separator, addresses = part.partition("@")
         if not separator:
-            raise ConfigurationError("sim.target", found=part, expected="MODEL@ADDRESSES, c320@0-3,7")
+            raise ConfigurationError("sim.target", found=part, expected=("MODEL@ADDRESSES", "c320@0-3,7"))
         try:
             numbers = parse_addresses(addresses)
         except ValueError:
             raise ConfigurationError("sim.addresses", found=addresses, expected="0-3,7") from None
-        stations += [make_station(model.lower(), address, options, load) for address in numbers]
+        stations += [make_station(model, address, options, load) for address in numbers]
     return stations
