@@ -262,6 +262,8 @@ REFUSED_UNASKED = [
     "run sim://c320@1 --model c320 --address 1 --frequency 80 --reverse",
     "set-frequency sim://vc660@1 80 --model vc660 --address 1",
     "run sim://dzb100@1 --model dzb100 --address 1 --frequency 20",
+    "run sim://vc660@1 --model t13 --address 1 --frequency 20",
+    "run sim://c320@1 --model c320 --address 1 --frequency 20 --option setpoint_step=unknown",
 ]
 """Command lines that the command refuses before it asks the drive."""
 

@@ -86,14 +86,17 @@ class DryRun:
         from drivebus.drives.dialects.create import create_dialect
         from drivebus.drives.drive import VOLATILE_SCHEMES, known_options
         from drivebus.drives.store import MemoryStore
+        from drivebus.profiles.model import SETPOINT_STEP
 
         port = target.open_port()
         known = known_options(port, target.profile, target.address)
         self.serial_settings = port.settings
+        stated = target.drive_options()
         self._has_store = port.url.partition(":")[0] not in VOLATILE_SCHEMES
+        self._may_step_be_stored = self._has_store and SETPOINT_STEP not in stated
         note_foreign_settings(port.settings, target.profile)
         self.dialect: Dialect = create_dialect(
-            target.profile, target.address, encoding=target.encoding, options=known | target.drive_options()
+            target.profile, target.address, encoding=target.encoding, options=known | stated
         )
         self.drive = DriveContext(dialect=self.dialect, eeprom_budget=EepromBudget(MemoryStore(), ""))
         """For the checks that a command makes before it asks the drive."""
@@ -130,7 +133,9 @@ class DryRun:
             return
         scale = profile.setpoint_scale
         cap = scale.value(highest_safe_word(steps_hz))
-        # The step may be stored for the adapter, which only an open port names: the cap is a note, no error.
+        if not self._may_step_be_stored:
+            self.check(check)
+        # Else the step may be stored for the adapter, which only an open port names: the cap is a note, no error.
         self.dialect.set_option(SETPOINT_STEP, f"{scale.factor:g}")
         self.check(check)
         self._notes.append(("dry.note.step", {"model": profile.model, "step_hz": scale.factor, "cap_hz": cap}))
