@@ -5,14 +5,17 @@ from __future__ import annotations
 import gzip
 import hashlib
 import json
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from drivebus import i18n, web
-from drivebus.web.routes.static_files import COMMAND_LINE_TEXTS
+from drivebus.web.routes.static_files import COMMAND_LINE_TEXTS, first_modules
 
 HERE = Path(web.__file__).parent
 VENDOR = HERE / "vendor"
@@ -67,6 +70,17 @@ def test_every_import_of_a_script_is_used() -> None:
         text = stripped(path.read_text("utf-8"))
         imported = [name for kind, listed in TOGETHER.findall(text) if kind == "import" for name in names(listed)]
         assert not {name for name in imported if len(re.findall(rf"\b{name}\b", text)) < 2}, path.name
+
+
+def test_an_installation_behind_a_symbolic_link_finds_its_own_files(tmp_path: Path) -> None:
+    """The paths of the files are resolved: below an unresolved folder none of them lay, and the page did not open."""
+    (tmp_path / "current").symlink_to(HERE.parents[1])
+    code = (
+        "from drivebus.web.routes import static_files as files; print(files.WEB_DIRECTORY, len(files.first_modules()))"
+    )
+    env = {**os.environ, "PYTHONPATH": str(tmp_path / "current")}
+    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == [str(HERE.resolve()), str(len(first_modules()))]
 
 
 def test_the_whole_page_is_small_over_the_wire() -> None:

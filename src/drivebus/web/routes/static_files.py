@@ -16,7 +16,7 @@ from drivebus.service.auth.errors import ResourceNotFound
 from drivebus.service.auth.rights import AccessLevel
 from drivebus.web.route import AccessRouter
 
-WEB_DIRECTORY = Path(__file__).parents[1]
+WEB_DIRECTORY = Path(__file__).resolve().parents[1]  # the paths that it is compared with are resolved
 MEDIA_TYPES = {
     ".html": "text/html; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
