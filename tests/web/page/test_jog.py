@@ -169,3 +169,23 @@ def test_a_hold_without_its_first_step_moves_nothing(stage: Stage, visit: Any) -
     page.click(".control summary")
     assert page.locator(HOLD).is_disabled()
     assert LOCAL.session not in str(stage.view("pump-1")["lease"])
+
+
+def test_a_jog_is_not_enabled_by_an_answer_that_came_while_the_user_had_no_control(stage: Stage, visit: Any) -> None:
+    """The token waited for the next control of the drive, whose user had pressed no first step."""
+    held: list[Any] = []
+    stage.call("waiver.grant", drive="pump-1", reason="watched bench")
+    page = visit("#/drive/pump-1")
+    page.route("**/arm", lambda route: held.append((route, route.fetch())))
+    page.click("[data-do=take]")
+    page.click(".control summary")
+    page.click(".jog button:not(.hold)")
+    page.locator(".jog button:not(.hold)[aria-busy]").wait_for()
+    page.click(".lease.own button")
+    page.locator("[data-do=take]").wait_for()
+    route, answer = held[0]
+    with page.expect_response("**/arm"):
+        route.fulfill(response=answer)
+    page.click("[data-do=take]")
+    page.locator(".jog button:not(.hold):enabled").wait_for()
+    assert page.locator(HOLD).is_disabled()

@@ -35,7 +35,7 @@ class WebSocketSession:
     async def run(self, patterns: tuple[str, ...]) -> None:
         """Serve the client until it leaves or is closed."""
         self._subscribe(patterns)
-        tasks = [asyncio.ensure_future(work) for work in (self._send(), self._receive())]
+        tasks = [asyncio.ensure_future(coroutine) for coroutine in (self._send(), self._receive())]
         try:
             await asyncio.wait({self._subscriber.reason, *tasks}, return_when=asyncio.FIRST_COMPLETED)
         finally:

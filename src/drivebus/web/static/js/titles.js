@@ -1,7 +1,8 @@
-// Titles of drives, alone and as lists. Each is a signal of its own: a list is not redrawn with every value of a drive.
+// Titles of drives and groups, alone and as lists. That of a drive is a signal of its own: a list is not redrawn with every
+// value of a drive.
 import { computed } from "./lib.js";
 import { t, titleOf } from "./i18n.js";
-import { drive } from "./store.js";
+import { drive, group } from "./store.js";
 
 /** Order of names: motor 9 before motor 10. */
 export const collator = new Intl.Collator(undefined, { numeric: true });
@@ -13,6 +14,9 @@ export function driveTitle(id) {
   if (!titles.has(id)) titles.set(id, computed(() => titleOf(drive(id).value ?? { id })));
   return titles.get(id).value;
 }
+
+/** Title of a group in the reader's language; its id where the plant has no such group. */
+export const groupTitle = (id) => titleOf(group(id).value ?? { id });
 
 /** Names of drives in one sentence; more are counted. */
 const MAX_NAMES = 8;

@@ -168,13 +168,13 @@ export function Table({ caption, columns, rows, keyOf, empty, rowClass }) {
     </tr>`}</tbody></table></div>`;
 }
 
-/** Run one request at a time for a part of the page: `[run, busy, error, result, clear]`. */
+/** Execute one request at a time for a part of the page: `[execute, busy, error, result, clear]`. */
 export function useRequest() {
   const [state, setState] = useState({ busy: false, error: null, result: null });
   const alive = useRef(true);
   useEffect(() => () => { alive.current = false; }, []);
   const set = (next) => { if (alive.current) setState(next); };
-  const run = async (request) => {
+  const execute = async (request) => {
     set({ busy: true, error: null, result: null });
     try {
       const result = await request();
@@ -185,7 +185,7 @@ export function useRequest() {
       return null;
     }
   };
-  return [run, state.busy, state.error, state.result, () => set({ busy: false, error: null, result: null })];
+  return [execute, state.busy, state.error, state.result, () => set({ busy: false, error: null, result: null })];
 }
 
 /** Load now and again whenever one of `inputs` changes: `[value, error, reload]`. */

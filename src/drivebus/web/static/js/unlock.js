@@ -6,8 +6,8 @@ import { ErrorNote, PasswordField, useRequest } from "./ui.js";
 
 function Form() {
   const [password, setPassword] = useState("");
-  const [run, busy, error] = useRequest();
-  const send = (event) => { event.preventDefault(); run(() => unlock(password)); };
+  const [execute, busy, error] = useRequest();
+  const send = (event) => { event.preventDefault(); execute(() => unlock(password)); };
   return html`<form class="banner info" data-do="unlock" onSubmit=${send}>
     <span role="status">${t("page.idle")}</span>${session.value.login_notice
       && html`<span data-text="login-notice">${localized(session.value.login_notice)}</span>`}<input type="text" autocomplete="username" hidden readonly

@@ -40,7 +40,7 @@ function groupState(alarms) {
 function GroupRow({ alarms }) {
   const [open, setOpen] = useState(false);
   const [shelving, setShelving] = useState(false);
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const [first] = alarms;
   const waiting = unacknowledged(alarms);
   const oldest = alarms.reduce((one, other) => (other.raised_ms < one.raised_ms ? other : one));
@@ -52,12 +52,12 @@ function GroupRow({ alarms }) {
     <div class="when"><b>${groupState(alarms)}</b><span>${t("page.alarm_group_open", { n: waiting.length })}</span>
       <span>${t("page.alarm_group_oldest", { age: raisedAgo(oldest) })}</span><${ShelvedNote} alarm=${first} /></div>
     <div class="do">${may("operate") && waiting.length > 0 && html`<${Button} kind="main" busy=${busy}
-      disabled=${!isLive.value} data-alarm="acknowledge" onClick=${() => run(() => acknowledgeAll(waiting))}>
+      disabled=${!isLive.value} data-alarm="acknowledge" onClick=${() => execute(() => acknowledgeAll(waiting))}>
       ${t("page.acknowledge_all", { n: waiting.length })}<//>`}
       ${may("operate") && !isShelved(first) && html`<${Button} disabled=${!isLive.value} data-alarm="shelve"
         onClick=${() => setShelving(true)}>${t("page.shelve_all", { n: alarms.length })}<//>`}
       ${may("operate") && isShelved(first) && html`<${Button} busy=${busy} disabled=${!isLive.value} data-alarm="unshelve"
-        onClick=${() => run(() => unshelveAll(alarms))}>${t("page.unshelve_all", { n: alarms.length })}<//>`}</div>
+        onClick=${() => execute(() => unshelveAll(alarms))}>${t("page.unshelve_all", { n: alarms.length })}<//>`}</div>
     ${error && html`<div class="whole"><${ErrorNote} error=${error} /></div>`}
     <details class="whole" open=${open} onToggle=${(event) => setOpen(event.currentTarget.open)}>
       <summary>${t("page.alarm_group_each")}</summary>
@@ -68,7 +68,7 @@ function GroupRow({ alarms }) {
 
 function AlarmRow({ alarm }) {
   const [shelving, setShelving] = useState(false);
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const path = `/alarms/${encodeURIComponent(alarm.id)}`;
   const able = may("operate");
   const off = !isLive.value;
@@ -81,11 +81,11 @@ function AlarmRow({ alarm }) {
       <span>${raisedAgo(alarm)}</span><${ShelvedNote} alarm=${alarm} /></div>
     <div class="do">
       ${able && !acknowledged && html`<${Button} kind="main" busy=${busy} disabled=${off} data-alarm="acknowledge"
-        onClick=${() => run(() => api.post(`${path}/acknowledge`))}>${t("page.acknowledge")}<//>`}
+        onClick=${() => execute(() => api.post(`${path}/acknowledge`))}>${t("page.acknowledge")}<//>`}
       ${able && !isShelved(alarm) && html`<${Button} disabled=${off}
         onClick=${() => setShelving(true)}>${t("page.shelve")}<//>`}
       ${able && isShelved(alarm) && html`<${Button} busy=${busy} disabled=${off}
-        onClick=${() => run(() => api.post(`${path}/unshelve`))}>${t("page.unshelve")}<//>`}
+        onClick=${() => execute(() => api.post(`${path}/unshelve`))}>${t("page.unshelve")}<//>`}
       ${alarm.incident && html`<a class="button" href=${href("incidents", alarm.incident)}>${t("page.open_incident")}</a>`}</div>
     ${error && html`<div class="whole"><${ErrorNote} error=${error} /></div>`}
     ${shelving && html`<${ShelveDialog} alarms=${[alarm]} onClose=${() => setShelving(false)} />`}</li>`;

@@ -12,8 +12,8 @@ import { isCleared, openAlarms, unacknowledged, uncleared } from "./alarm-list.j
 import { PriorityMark } from "./alarm-state.js";
 
 function Acknowledge({ alarms }) {
-  const [run, busy, error] = useRequest();
-  const send = () => run(() => acknowledgeAll(alarms));
+  const [execute, busy, error] = useRequest();
+  const send = () => execute(() => acknowledgeAll(alarms));
   return html`<${Button} busy=${busy} disabled=${!isLive.value} onClick=${send} data-do="acknowledge">
     ${alarms.length > 1 ? t("page.acknowledge_all", { n: alarms.length }) : t("page.acknowledge")}<//><${ErrorNote}
     error=${error} />`;

@@ -13,12 +13,12 @@ export function ShelveDialog({ alarms, onClose }) {
   const [alarm] = alarms;
   const [minutes, setMinutes] = useState(60);
   const [reason, setReason] = useState("");
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const send = async (event) => {
     event.preventDefault();
     const shelve = alarms.length > 1 ? () => shelveAll(alarms, minutes, reason.trim())
       : () => api.post(`/alarms/${encodeURIComponent(alarm.id)}/shelve`, { minutes, reason: reason.trim() });
-    if (await run(shelve)) onClose();
+    if (await execute(shelve)) onClose();
   };
   const title = alarms.length > 1 ? t("page.shelve_title_all", { n: alarms.length }) : t("page.shelve_title");
   const subject = alarms.length > 1 ? groupSubject(alarms) : alarm.drive && driveTitle(alarm.drive);

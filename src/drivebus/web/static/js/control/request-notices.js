@@ -12,15 +12,15 @@ import { listDrives } from "../titles.js";
 const hrefOf = (ids) => (ids.length > 1 ? href("fleet") : href("drive", ids[0]));
 
 function IncomingRequest({ ids, request }) {
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const off = busy || !isLive.value;
   const params = { user: request.user, name: listDrives(ids), reason: request.reason };
   return html`<div class="banner medium" data-request=${ids[0]}><${Icon} name="warning" /><a href=${hrefOf(ids)}>
       ${t(request.reason ? "page.control_incoming_for" : "page.control_incoming", params)}</a>
     <span role="timer">${t("page.control_left", { s: secondsLeft(request) })}</span>
-    <span class="row"><${Button} disabled=${off} onClick=${() => run(() => declineRequests(ids, request))}
+    <span class="row"><${Button} disabled=${off} onClick=${() => execute(() => declineRequests(ids, request))}
         data-do="decline">${t("page.control_decline")}<//>
-      <${Button} kind="main" disabled=${off} onClick=${() => run(() => grantRequests(ids, request))}
+      <${Button} kind="main" disabled=${off} onClick=${() => execute(() => grantRequests(ids, request))}
         data-do="hand-over">${t("page.control_hand_over")}<//></span>
     <${ErrorNote} error=${error} /></div>`;
 }

@@ -30,12 +30,12 @@ function SelectionDialog({ views, title, ask, path, act, reasonLabel, optional =
   const [offered] = useState(views); // a drive stays in the list where the request failed
   const [left, setLeft] = useState([]);
   const [reason, setReason] = useState("");
-  const [run, busy, error, result] = useRequest();
+  const [execute, busy, error, result] = useRequest();
   const drives = offered.map((view) => view.id).filter((id) => !left.includes(id));
   const given = reason.trim();
   const send = (event) => {
     event.preventDefault();
-    run(() => api.post(path, { drives, ...(given ? { reason: given } : {}) }));
+    execute(() => api.post(path, { drives, ...(given ? { reason: given } : {}) }));
   };
   const off = busy || !isLive.value || drives.length === 0;
   return html`<${Dialog} title=${title} onClose=${onClose}><form class="stack" onSubmit=${send}><p>${ask}</p>

@@ -1,20 +1,21 @@
 // Stop bar at the foot of every page. A bus stop is not an emergency stop, so it has neither the colours nor the shape
 // of the red button on the machine.
 import { html, signal, useEffect, useRef } from "../lib.js";
-import { t, titleOf } from "../i18n.js";
+import { t } from "../i18n.js";
 import { clock } from "../format.js";
 import { Icon } from "../icons.js";
 import { isLive } from "../live.js";
 import { route } from "../router.js";
 import { may } from "../session.js";
 import { usePublishedHeight } from "../published-height.js";
-import { drive, group, idsOf } from "../store.js";
+import { drive, idsOf } from "../store.js";
 import { dismissStop, shownStops, stop, targetName } from "./stops.js";
 import { ReleaseButton } from "./selection.js";
 import { StopAnyway } from "./stop-anyway.js";
+import { driveTitle, groupTitle } from "../titles.js";
 import { Button } from "../ui.js";
 
-const menuOpen = signal(false);
+const isMenuOpen = signal(false);
 
 function StopButton({ kind, id, children, ...rest }) {
   return html`<button type="button" class="stop" data-stop=${kind} onClick=${() => stop(kind, id)} ...${rest}
@@ -30,22 +31,20 @@ function scope() {
   return { drive: page === "drive" ? id : null, groups: view?.groups ?? (query.group ? [query.group] : []) };
 }
 
-const groupName = (id) => { const found = group(id).value; return found ? titleOf(found) : id; };
-
 function GroupMenu({ groups }) {
   useEffect(() => {
-    const close = (event) => { if (event.key === "Escape") menuOpen.value = false; };
+    const close = (event) => { if (event.key === "Escape") isMenuOpen.value = false; };
     addEventListener("keydown", close);
-    return () => { removeEventListener("keydown", close); menuOpen.value = false; };
+    return () => { removeEventListener("keydown", close); isMenuOpen.value = false; };
   }, []);
   return html`<div class="stopmenu" role="group" aria-label=${t("page.stop_choose_group")}>${groups.map((id) => html`
-    <${StopButton} key=${id} kind="group" id=${id}>${groupName(id)}<//>`)}</div>`;
+    <${StopButton} key=${id} kind="group" id=${id}>${groupTitle(id)}<//>`)}</div>`;
 }
 
 function GroupStop({ groups }) {
-  if (groups.length === 1) return html`<${StopButton} kind="group" id=${groups[0]}>${groupName(groups[0])}<//>`;
-  return html`<button type="button" class="stop" aria-expanded=${menuOpen.value ? "true" : "false"} data-stop="groups"
-    onClick=${() => { menuOpen.value = !menuOpen.value; }}><${Icon} name="stop" size=${22} />
+  if (groups.length === 1) return html`<${StopButton} kind="group" id=${groups[0]}>${groupTitle(groups[0])}<//>`;
+  return html`<button type="button" class="stop" aria-expanded=${isMenuOpen.value ? "true" : "false"} data-stop="groups"
+    onClick=${() => { isMenuOpen.value = !isMenuOpen.value; }}><${Icon} name="stop" size=${22} />
     <span><b>${t("page.bus_stop")}</b><span class="what">${t("page.stop_scope_group")}</span></span>
     <${Icon} name="more" size=${16} /></button>`;
 }
@@ -82,11 +81,10 @@ export function StopBar() {
   const { drive: id, groups } = scope();
   const every = idsOf("groups").value;
   const offered = groups.length ? groups : every;
-  const view = id && drive(id).value;
   return html`<footer class="stopbar" ref=${bar} aria-label=${t("page.stop_bar")}>
-    ${menuOpen.value && offered.length > 1 && html`<${GroupMenu} groups=${offered} />`}
+    ${isMenuOpen.value && offered.length > 1 && html`<${GroupMenu} groups=${offered} />`}
     <div class="stops">
-      ${id && html`<${StopButton} kind="drive" id=${id}>${view ? titleOf(view) : id}<//>`}
+      ${id && html`<${StopButton} kind="drive" id=${id}>${driveTitle(id)}<//>`}
       ${offered.length > 0 && html`<${GroupStop} groups=${offered} />`}
       <${StopButton} kind="all">${t("page.stop_scope_all_held")}<//>
     </div>${may("operate") && html`<${ReleaseButton} views=${idsOf("drives").value.map((one) => drive(one).value).filter(Boolean)} />`}<${StopResults} /></footer>`;

@@ -4,9 +4,9 @@ import { effect, signal } from "../lib.js";
 import { api, drivePath, groupPath } from "../api.js";
 import { OFF_STATES } from "../drive-states.js";
 import { loadSession } from "../session.js";
-import { localized, t, titleOf } from "../i18n.js";
+import { localized, t } from "../i18n.js";
 import { drive, group, idsOf, nowMs, serviceNow } from "../store.js";
-import { listDrives } from "../titles.js";
+import { driveTitle, groupTitle, listDrives } from "../titles.js";
 
 /** A stop may take the drive's whole ramp until it is confirmed. */
 const STOP_TIMEOUT_MS = 120_000;
@@ -27,8 +27,7 @@ const PATHS = { drive: (id) => drivePath(id, "/stop"), group: (id) => groupPath(
 
 export function targetName({ kind, id }) {
   if (kind === "all") return t("page.stop_scope_all");
-  const found = (kind === "drive" ? drive(id) : group(id)).value;
-  return found ? titleOf(found) : id;
+  return kind === "drive" ? driveTitle(id) : groupTitle(id);
 }
 
 /** Whether a new stop replaces the result of an older one: it stops at least the same drives. */

@@ -41,19 +41,19 @@ function TestForm({ view, onClose }) {
 }
 
 function Progress({ view, test }) {
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const seconds = test.until_ms === null ? 0 : Math.max(0, Math.ceil((test.until_ms - tickingServiceNow()) / 1000));
   return html`<${Notice} kind="warning" live title=${t("page.comm_loss_test")}>
     <p>${t(`page.comm_loss_phase_${test.phase}`, { seconds })}</p>
     ${test.phase === "silent" && hasControl(view) && html`<${Button} busy=${busy} data-do="read-now"
-      onClick=${() => run(() => api.post(drivePath(view.id, "/comm-loss-test/read")))}>
+      onClick=${() => execute(() => api.post(drivePath(view.id, "/comm-loss-test/read")))}>
       ${t("page.comm_loss_stopped_now")}<//>`}<${ErrorNote} error=${error} /><//>`;
 }
 
 /** Test that is under way, else what begins one and discards the record of the last one. */
 export function CommLossTest({ view }) {
   const [open, setOpen] = useState(false);
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const { test, tested, no_result } = view.comm_loss;
   if (test) return html`<${Progress} view=${view} test=${test} />`;
   return html`${tested && !tested.holds && html`<p class="soft">${t("page.comm_loss_outdated")}</p>`}
@@ -61,7 +61,7 @@ export function CommLossTest({ view }) {
     ${may("limit") && view.capabilities.includes("run") && html`<div class="row"><${Button} disabled=${!isLive.value}
       onClick=${() => setOpen(true)} data-do="test-comm-loss">${t("page.comm_loss_test")}…<//>
       ${tested && html`<${Button} kind="quiet" disabled=${!isLive.value} busy=${busy}
-        onClick=${() => run(() => api.remove(drivePath(view.id, "/comm-loss-test")))}>${t("page.comm_loss_discard")}<//>`}
+        onClick=${() => execute(() => api.remove(drivePath(view.id, "/comm-loss-test")))}>${t("page.comm_loss_discard")}<//>`}
       </div>`}
     <${ErrorNote} error=${error} />${open && html`<${TestForm} view=${view} onClose=${() => setOpen(false)} />`}`;
 }

@@ -11,10 +11,10 @@ import { CommLossTest } from "./comm-loss-test.js";
 
 function WaiverForm({ view, onClose }) {
   const [reason, setReason] = useState("");
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const send = async (event) => {
     event.preventDefault();
-    if (await run(() => api.post(drivePath(view.id, "/waiver"), { reason: reason.trim() }))) onClose();
+    if (await execute(() => api.post(drivePath(view.id, "/waiver"), { reason: reason.trim() }))) onClose();
   };
   return html`<${Dialog} title=${t("page.waiver")} onClose=${onClose}><form class="stack" onSubmit=${send}>
     <p>${t("page.waiver_ask", { name: titleOf(view) })}</p>
@@ -34,14 +34,14 @@ export function CommLossBadge({ badge }) {
 /** Communication-loss behaviour as text, with its test and the waiver. */
 export function CommLoss({ view }) {
   const [asking, setAsking] = useState(false);
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const badge = view.comm_loss;
   const needs = badge.kind !== "trips";
   return html`<div class="stack"><div><${CommLossBadge} badge=${badge} /></div><p class="soft">
     ${localized(badge.text)}</p><${CommLossTest} view=${view} />
     ${badge.waiver && html`<${Notice} title=${t("page.waiver")}>${badge.waiver}
       ${may("limit") && html` <${Button} kind="quiet" busy=${busy}
-        onClick=${() => run(() => api.remove(drivePath(view.id, "/waiver")))}>
+        onClick=${() => execute(() => api.remove(drivePath(view.id, "/waiver")))}>
         ${t("page.waiver_withdraw")}<//>`}<//>`}
     ${needs && !badge.waiver && may("limit") && html`<div><${Button} disabled=${!isLive.value}
       onClick=${() => setAsking(true)} data-do="waive">${t("page.waiver_record")}…<//></div>`}

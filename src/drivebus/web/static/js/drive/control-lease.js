@@ -9,8 +9,8 @@ import { idle, isMine, may, session } from "../session.js";
 import { Button, Dialog, ErrorNote, FormEnd, useRequest } from "../ui.js";
 
 function TakeOver({ view, onClose }) {
-  const [run, busy, error] = useRequest();
-  const go = async () => { if (await run(() => takeControl(view.id))) onClose(); };
+  const [execute, busy, error] = useRequest();
+  const go = async () => { if (await execute(() => takeControl(view.id))) onClose(); };
   const owner = view.lease?.owner ?? "";
   const request = openRequest(view);
   return html`<${Dialog} title=${t("page.take_over")} onClose=${onClose}>
@@ -24,11 +24,11 @@ function TakeOver({ view, onClose }) {
 
 function AskForControl({ view, onClose }) {
   const [reason, setReason] = useState("");
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const given = reason.trim();
   const send = async (event) => {
     event.preventDefault();
-    if (await run(() => askForControl(view.id, given))) onClose();
+    if (await execute(() => askForControl(view.id, given))) onClose();
   };
   return html`<${Dialog} title=${t("page.control_ask_title", { name: titleOf(view) })} onClose=${onClose}>
     <p>${t("page.control_ask_how", { owner: view.lease?.owner ?? "" })}</p>
@@ -40,10 +40,10 @@ function AskForControl({ view, onClose }) {
 
 /** State of the open request for control: of this session with the seconds left, or of another user. */
 function OpenRequest({ view, request }) {
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   if (!isMine(request)) return html`<span class="soft">${t("page.control_asked_other", { user: request.user })}</span>`;
   return html`<span role="timer">${t("page.control_asked_own", { s: secondsLeft(request) })}</span>
-    <${Button} busy=${busy} onClick=${() => run(() => withdrawRequest(view.id))} data-do="withdraw">
+    <${Button} busy=${busy} onClick=${() => execute(() => withdrawRequest(view.id))} data-do="withdraw">
       ${t("page.control_withdraw")}<//><${ErrorNote} error=${error} />`;
 }
 
@@ -55,7 +55,7 @@ function holderText(view) {
 }
 
 export function ControlLease({ view }) {
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const [dialog, setDialog] = useState(null);
   const close = () => setDialog(null);
   const mine = isMine(view.lease);
@@ -66,8 +66,8 @@ export function ControlLease({ view }) {
   return html`<div class=${`lease ${mine && isLive.value ? "own" : ""}`}><span class="holder" role="status">${holderText(view)}
     ${!isLive.value && html` <span class="outdated">${t("page.state_was")}</span>`}</span>
     ${!view.lease && (may("operate") || idle.value) && html`<${Button} kind="main" disabled=${!can} busy=${busy}
-      onClick=${() => run(() => takeControl(view.id))} data-do="take">${t("page.lease_take")}<//>`}
-    ${mine && html`<${Button} busy=${busy} onClick=${() => run(() => releaseControl(view.id))}
+      onClick=${() => execute(() => takeControl(view.id))} data-do="take">${t("page.lease_take")}<//>`}
+    ${mine && html`<${Button} busy=${busy} onClick=${() => execute(() => releaseControl(view.id))}
       title=${t("page.lease_every_tab")}>${t("page.lease_give")}<//>`}
     ${others && request && html`<${OpenRequest} view=${view} request=${request} />`}
     ${others && !request && may("operate") && html`<${Button} disabled=${!can} onClick=${() => setDialog("ask")}

@@ -28,7 +28,7 @@ export function controlBlocker(view) {
 function Motion({ view, disabled }) {
   const [hertz, setHertz] = useState(view.commanded_hz === null ? "" : String(view.commanded_hz));
   const [selectedDirection, setSelectedDirection] = useState("forward");
-  const [run, busy, error, result] = useRequest();
+  const [execute, busy, error, result] = useRequest();
   const [started, setStarted] = useState(null);
   const [isOver, setOver] = useState(false);
   const isWrong = frequencyError(hertz, view) !== null;
@@ -41,7 +41,7 @@ function Motion({ view, disabled }) {
 
   const frequency_hz = numberOf(hertz);
   const directions = view.directions.map((one) => [one, t(`drives.direction_${one}`)]);
-  const set = () => run(() => api.post(drivePath(view.id, "/set-frequency"), { frequency_hz }));
+  const set = () => execute(() => api.post(drivePath(view.id, "/set-frequency"), { frequency_hz }));
   const direction = reversible ? chosen : null;
   const begin = (arm_token) => api.post(drivePath(view.id, "/run"), { frequency_hz, direction, arm_token }, START_OPTIONS);
   const params = { name: titleOf(view), hz: number(frequency_hz, "Hz"), way: t(`drives.direction_${chosen}`) };
@@ -68,9 +68,9 @@ function Stops({ view }) {
 }
 
 function SingleAction({ path, text, note, disabled, name }) {
-  const [run, busy, error, result] = useRequest();
+  const [execute, busy, error, result] = useRequest();
   return html`<div class="stack"><p>${note}</p><div><${Button} disabled=${disabled} busy=${busy}
-    onClick=${() => run(() => api.post(path))} data-do=${name}>${text}<//></div>
+    onClick=${() => execute(() => api.post(path))} data-do=${name}>${text}<//></div>
     <${ErrorNote} error=${error} /><${OutcomeNote} outcome=${result?.outcome} /></div>`;
 }
 

@@ -28,7 +28,7 @@ function FaultDialog({ fault, note, incident, onClose }) {
 
 function Fault({ view }) {
   const [isOpen, setOpen] = useState(false);
-  const [run, busy, error, result, clear] = useRequest();
+  const [execute, busy, error, result, clear] = useRequest();
   const { fault } = view;
   const incident = openAlarms().find((alarm) => alarm.drive === view.id && alarm.incident)?.incident;
   const why = controlBlocker(view) ?? (view.start_inhibited ? t("page.reset_inhibited") : null);
@@ -38,7 +38,7 @@ function Fault({ view }) {
       ${adviceOf(fault).map(([name, text]) => html`<p key=${name}>${name}${t("page.colon")}<b>${text}</b></p>`)}</div>
     <div class="do"><div class="row">
       ${may("operate") && html`<${Button} disabled=${why !== null} busy=${busy} data-do="reset"
-        onClick=${() => run(() => api.post(drivePath(view.id, "/reset")))}>${t("page.reset")}<//>`}
+        onClick=${() => execute(() => api.post(drivePath(view.id, "/reset")))}>${t("page.reset")}<//>`}
       <${Button} onClick=${() => setOpen(true)} data-do="remedy">${t("page.fault_details")}…<//>
       ${incident && html`<a class="button" data-do="incident" href=${href("incidents", incident)}>${t("page.open_incident")}</a>`}
       </div>${note && html`<p class="small">${note}</p>`}</div>

@@ -67,20 +67,20 @@ function JogFrequency({ view, ...rest }) {
 
 /** `disabled`: the drive may not be commanded now. */
 export function JogPanel({ view, disabled }) {
-  const { armed, left_s, arm, disarm, busy, error } = useArmToken(() => api.post(drivePath(view.id, "/arm")));
+  const { armed, left_s, arm, disarm, busy, error } = useArmToken(() => api.post(drivePath(view.id, "/arm")), disabled);
   const [hertz, setHertz] = useState("");
   const [status, setStatus] = useState({ phase: null, detail: null });
   const [chosen, setChosen] = useState(null);
   const jog = useRef(null);
   const release = useRef(() => jog.current?.release()).current;
   useEffect(() => release, []);
-  useEffect(() => { if (disabled) { release(); disarm(); } }, [disabled]);
+  useEffect(() => { if (disabled) release(); }, [disabled]);
 
   const isEmpty = hertz.trim() === "";
   const wrong = isEmpty ? view.jog_frequency === "command" : frequencyError(hertz, view) !== null;
   const isHeld = status.phase === "starting" || status.phase === "turning";
   const isEnding = status.phase === "ending"; // its result would be taken for that of the next jog
-  const isReady = armed !== null && left_s > 0 && !disabled && !isEnding && !wrong;
+  const isReady = armed !== null && !isEnding && !wrong;
 
   const directions = [...view.directions].reverse();
   const hold = (direction) => () => {
@@ -101,7 +101,7 @@ export function JogPanel({ view, disabled }) {
     ${t("page.jog_how")}</p>
     <${JogFrequency} view=${view} value=${hertz} onChange=${setHertz} disabled=${disabled} />
     <div class="row"><${Button} disabled=${disabled || isHeld || isEnding} busy=${busy} onClick=${arm}>
-      ${left_s > 0 ? t("page.jog_enabled", { n: left_s }) : t("page.jog_enable")}<//></div>
+      ${armed ? t("page.jog_enabled", { n: left_s }) : t("page.jog_enable")}<//></div>
     <div class="holds">${directions.map(button)}</div>
     <${ErrorNote} error=${error} /><${JogStatus} ...${status} /></section>`;
 }

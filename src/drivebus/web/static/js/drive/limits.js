@@ -24,13 +24,13 @@ function LimitsForm({ view, onClose }) {
   const [values, setValues] = useState({
     minimum_hz: String(minimum_hz), maximum_hz: String(maximum_hz), forward: has("forward"), reverse: has("reverse"),
   });
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const put = (name, value) => setValues({ ...values, [name]: value });
   const limits = Object.fromEntries(["minimum_hz", "maximum_hz"].map((name) => [name, numberOf(values[name])]));
   const isWrong = Object.values(limits).includes(null) || !(values.forward || values.reverse);
   const send = async (event) => {
     event.preventDefault();
-    if (await run(() => api.put(drivePath(view.id, "/limits"), { ...values, ...limits }))) onClose();
+    if (await execute(() => api.put(drivePath(view.id, "/limits"), { ...values, ...limits }))) onClose();
   };
   const hertz = (name) => html`<${Field} key=${name} label=${t(`page.${name}`)}
     wrong=${limits[name] === null && t("page.not_number")}><span class="withunit">

@@ -34,8 +34,8 @@ const yesOrNo = (value) => (value === null ? NO_VALUE : t(value ? "page.yes" : "
 /** Identity that the drive itself reports: read on demand, because reading takes bus time. */
 function Identity({ id }) {
   const [found, setFound] = useState(null);
-  const [run, busy, error] = useRequest();
-  const read = () => run(async () => setFound(await api.post(drivePath(id, "/identity/read"))));
+  const [execute, busy, error] = useRequest();
+  const read = () => execute(async () => setFound(await api.post(drivePath(id, "/identity/read"))));
   const facts = found && [
     ["page.identity_rating", [found.voltage_class_v && `${found.voltage_class_v} V`,
       found.power_kw !== null && `${found.power_kw} kW`].filter(Boolean).join(t("language.between_items"))],

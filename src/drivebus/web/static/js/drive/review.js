@@ -28,9 +28,9 @@ function Diff({ changes }) {
 
 /** `save`: to EEPROM; else to RAM, where it is lost when the drive loses power. */
 function Step({ view, changes, save, text, disabled, onWritten, kind = "main" }) {
-  const [run, busy, error, result] = useRequest();
+  const [execute, busy, error, result] = useRequest();
   const write = async (force) => {
-    const found = await run(() => api.post(drivePath(view.id, "/parameters/write"), {
+    const found = await execute(() => api.post(drivePath(view.id, "/parameters/write"), {
       values: valuesOf(changes), save, force }, { timeout_ms: WRITE_TIMEOUT_MS }));
     if (found && isWritten(found.outcome)) onWritten();
   };

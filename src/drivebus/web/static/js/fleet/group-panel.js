@@ -41,9 +41,9 @@ function Outcomes({ outcomes }) {
 
 /** Button of an action on several drives, one after the other. */
 function ActionForAll({ views, act, text, ...rest }) {
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   if (views.length === 0) return null;
-  const all = () => run(async () => { for (const view of views) await act(view.id); });
+  const all = () => execute(async () => { for (const view of views) await act(view.id); });
   return html`<div class="stack"><${Button} busy=${busy} onClick=${all} ...${rest}>${t(text, { n: views.length })}<//>
     <${ErrorNote} error=${error} /></div>`;
 }
@@ -57,18 +57,18 @@ function Blocked({ views }) {
 
 /** Open requests of this session for drives of the group, which one press withdraws. */
 function OwnRequests({ views }) {
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const open = views.filter((view) => isMine(openRequest(view)));
   if (open.length === 0) return html`<${ErrorNote} error=${error} />`;
   const s = Math.max(...open.map((view) => secondsLeft(view.control_request)));
   return html`<div class="row"><span role="timer">${t("page.control_asked_all", { n: open.length, s })}</span>
-    <${Button} busy=${busy} onClick=${() => run(() => withdrawRequests(open.map(({ id }) => id)))} data-do="withdraw">
+    <${Button} busy=${busy} onClick=${() => execute(() => withdrawRequests(open.map(({ id }) => id)))} data-do="withdraw">
       ${t("page.control_withdraw")}<//><${ErrorNote} error=${error} /></div>`;
 }
 
 function Controls({ id, views }) {
   const [hertz, setHertz] = useState("");
-  const [run, busy, error, result] = useRequest();
+  const [execute, busy, error, result] = useRequest();
   const [started, setStarted] = useState(null);
   const limits = commonLimits(views);
   const others = views.filter((view) => !hasControl(view)).length;
@@ -81,7 +81,7 @@ function Controls({ id, views }) {
   useEffect(() => { if (!turning) setStarted(null); }, [turning]); // at rest the outcome of a start is outdated
   const frequency_hz = numberOf(hertz);
   const send = (rest, body) => api.post(groupPath(id, rest), body, { timeout_ms: GROUP_TIMEOUT_MS });
-  const set = () => run(() => send("/set-frequency", { frequency_hz }));
+  const set = () => execute(() => send("/set-frequency", { frequency_hz }));
   return html`<div class="stack">${others > 0 && html`<div class="row">
       <span>${t("page.group_not_controlled", { n: others })}</span>
       <${ActionForAll} views=${views.filter((view) => !view.lease)} act=${takeControl} text="page.lease_take_all" kind="main" />

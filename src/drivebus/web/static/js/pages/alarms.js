@@ -34,11 +34,11 @@ export function Page({ query }) {
 }
 
 function Active({ alarms }) {
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const waiting = unacknowledged(alarms);
   return html`<div class="stack">
     ${waiting.length > 1 && may("operate") && html`<div class="row"><${Button} busy=${busy} disabled=${!isLive.value}
-      onClick=${() => run(() => acknowledgeAll(waiting))}>
+      onClick=${() => execute(() => acknowledgeAll(waiting))}>
       ${t("page.acknowledge_all", { n: waiting.length })}<//></div>`}
     <${ErrorNote} error=${error} />
     <${AlarmRows} alarms=${alarms} empty=${t("page.no_alarms")} /></div>`;

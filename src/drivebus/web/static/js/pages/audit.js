@@ -18,9 +18,9 @@ export function Page() {
 }
 
 function Verify() {
-  const [run, busy, error, result] = useRequest();
+  const [execute, busy, error, result] = useRequest();
   return html`<section class="panel stack"><p>${t("page.audit_how")}</p>
-    <div class="row"><${Button} busy=${busy} onClick=${() => run(() => api.get("/audit/verify", {},
+    <div class="row"><${Button} busy=${busy} onClick=${() => execute(() => api.get("/audit/verify", {},
       { timeout_ms: 120_000 }))} data-audit="verify">
       ${t("page.verify")}<//></div>
     <${ErrorNote} error=${error} />

@@ -7,7 +7,8 @@ import { href, replaceQuery } from "../router.js";
 import { connection } from "../live.js";
 import { stateOf } from "../readings.js";
 import { addSignalNames } from "../signal-names.js";
-import { bus, drive, group } from "../store.js";
+import { bus, drive } from "../store.js";
+import { groupTitle } from "../titles.js";
 import { StateMark } from "../drive/state-mark.js";
 import { CommLoss } from "../drive/comm-loss.js";
 import { ControlPanel, SAFETY_ID } from "../drive/control.js";
@@ -22,8 +23,7 @@ import { Values } from "../drive/values.js";
 
 function BusLocation({ view }) {
   const found = bus(view.bus).value;
-  const groups = view.groups.map((id) => html`<a key=${id} href=${href("fleet", null, { group: id })}>${
-    group(id).value ? titleOf(group(id).value) : id}</a> `);
+  const groups = view.groups.map((id) => html`<a key=${id} href=${href("fleet", null, { group: id })}>${groupTitle(id)}</a> `);
   return html`<p class="soft identity"><code>${view.id}</code> · <a href=${href("buses", view.bus)}>
     ${found ? titleOf(found) : view.bus}</a>
     ${" · "}${t("page.station", { address: view.address })} · <code>${view.model}

@@ -1,11 +1,12 @@
 // Fleet: one tile per drive.
 import { html, signal, useEffect, useMemo, useRef } from "../lib.js";
-import { t, titleOf } from "../i18n.js";
+import { t } from "../i18n.js";
 import { Icon } from "../icons.js";
 import { Button, Choice, Field, Loading } from "../ui.js";
 import { connection } from "../live.js";
 import { go } from "../router.js";
-import { group, idsOf } from "../store.js";
+import { idsOf } from "../store.js";
+import { groupTitle } from "../titles.js";
 import { GroupPanel } from "../fleet/group-panel.js";
 import { Tile } from "../fleet/tile.js";
 import {
@@ -32,8 +33,7 @@ function GroupPick({ chosen }) {
   return html`<${Field} label=${t("page.group")}><select value=${chosen ?? ""}
     onChange=${(event) => go("fleet", null, { group: event.currentTarget.value })}>
     <option value="">${t("page.every_group")}</option>
-    ${groups.map((id) => html`<option key=${id} value=${id}>${group(id).value ? titleOf(group(id).value) : id}
-      </option>`)}</select><//>`;
+    ${groups.map((id) => html`<option key=${id} value=${id}>${groupTitle(id)}</option>`)}</select><//>`;
 }
 
 /** On a small screen the drives come first: the filters open by a press. */
@@ -103,7 +103,7 @@ const clear = () => { search.value = ""; kind.value = "all"; go("fleet"); };
 function filters(inGroup) {
   return [
     search.value.trim() && t("page.filter_search", { text: search.value.trim() }),
-    inGroup && titleOf(group(inGroup).value ?? { id: inGroup }),
+    inGroup && groupTitle(inGroup),
     kind.value !== "all" && t(`page.kind_${kind.value}`),
   ].filter(Boolean);
 }

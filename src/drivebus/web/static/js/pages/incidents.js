@@ -57,10 +57,10 @@ function Trip({ found }) {
 function Notes({ found }) {
   const [notes, setNotes] = useState(found.notes ?? []);
   const [text, setText] = useState("");
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const send = async (event) => {
     event.preventDefault();
-    const answer = await run(() => api.post(`/incidents/${encodeURIComponent(found.id)}/notes`, { note: text.trim() }));
+    const answer = await execute(() => api.post(`/incidents/${encodeURIComponent(found.id)}/notes`, { note: text.trim() }));
     if (answer) { setNotes(answer.notes); setText(""); }
   };
   return html`<section class="panel stack notes"><h2>${t("page.incident_notes")}</h2>

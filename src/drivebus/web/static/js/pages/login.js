@@ -9,9 +9,9 @@ import { MIN_PASSWORD_LENGTH, passwordHelp } from "../settings/password.js";
 /** `fields`: [name, autocomplete] of those above the password. */
 function Form({ title, note, fields, isNew, submit, send }) {
   const [values, setValues] = useState({});
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const put = (name) => (event) => setValues({ ...values, [name]: event.currentTarget.value });
-  const go = (event) => { event.preventDefault(); run(() => send(values)); };
+  const go = (event) => { event.preventDefault(); execute(() => send(values)); };
   return html`<form class="login" onSubmit=${go}><h1>${title}</h1>${note}
     ${fields.map(([name, complete]) => html`<${Field} key=${name} label=${t(`page.login_${name}`)}>
       <input name=${name} type="text" autocomplete=${complete} required value=${values[name] ?? ""}

@@ -18,10 +18,10 @@ export function Configuration() {
 }
 
 function Check({ text, onChange, isChanged, onBack }) {
-  const [run, busy, error, result, clear] = useRequest();
+  const [execute, busy, error, result, clear] = useRequest();
   return html`<${Field} label="plant.toml"><textarea class="mono" rows="18" spellcheck="false" wrap="off" value=${text}
       onInput=${(event) => { clear(); onChange(event.target.value); }}></textarea><//>
-    <div class="row"><${Button} busy=${busy} onClick=${() => run(() => api.post("/configuration/check", { text },
+    <div class="row"><${Button} busy=${busy} onClick=${() => execute(() => api.post("/configuration/check", { text },
       { timeout_ms: 60_000 }))} data-configuration="check">${t("page.check")}<//>
       <${Button} disabled=${!isChanged} onClick=${() => { clear(); onBack(); }}>${t("page.back_to_file")}<//></div>
     <${ErrorNote} error=${error} />${result && html`<${CheckResult} result=${result} />`}`;
@@ -49,10 +49,10 @@ function Difference({ difference }) {
 
 function Reload({ onDone }) {
   const [sure, setSure] = useState(false);
-  const [run, busy, error, result] = useRequest();
+  const [execute, busy, error, result] = useRequest();
   const send = async () => {
     setSure(false);
-    if (await run(() => api.post("/configuration/reload", {}, { timeout_ms: 60_000 }))) onDone();
+    if (await execute(() => api.post("/configuration/reload", {}, { timeout_ms: 60_000 }))) onDone();
   };
   return html`<section class="panel stack"><h2>${t("page.reload")}</h2><p>${t("page.reload_how")}</p>
     <label class="check"><input type="checkbox" checked=${sure}

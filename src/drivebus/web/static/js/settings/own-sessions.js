@@ -30,10 +30,10 @@ export function OwnSessions() {
 
 function EndSession({ ending, onClose }) {
   const [password, setPassword] = useState("");
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const send = async (event) => {
     event.preventDefault();
-    if (await run(() => api.post(`/sessions/${encodeURIComponent(ending.id)}/end`, { password }))) onClose(ending);
+    if (await execute(() => api.post(`/sessions/${encodeURIComponent(ending.id)}/end`, { password }))) onClose(ending);
   };
   return html`<${Dialog} title=${t("page.end_session_title")} onClose=${() => onClose(null)}><form class="stack"
     onSubmit=${send}>

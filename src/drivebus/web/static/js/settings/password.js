@@ -14,13 +14,13 @@ const EMPTY = { old: "", new: "", again: "" };
 
 export function Password() {
   const [given, setGiven] = useState(EMPTY);
-  const [run, busy, error, result] = useRequest();
+  const [execute, busy, error, result] = useRequest();
   const set = (name) => (event) => setGiven({ ...given, [name]: event.target.value });
   const differ = given.again !== "" && given.again !== given.new;
   const ready = given.old && given.new && given.again === given.new;
   const send = async (event) => {
     event.preventDefault();
-    const found = await run(() => api.post("/password", { old: given.old, new: given.new }));
+    const found = await execute(() => api.post("/password", { old: given.old, new: given.new }));
     if (!found) return;
     session.value = found;
     setGiven(EMPTY);

@@ -31,9 +31,9 @@ export function Tokens() {
 }
 
 function Remove({ token, onDone }) {
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const [sure, setSure] = useState(false);
-  const remove = async () => { if (await run(() => api.remove(`/tokens/${encodeURIComponent(token.id)}`))) onDone(); };
+  const remove = async () => { if (await execute(() => api.remove(`/tokens/${encodeURIComponent(token.id)}`))) onDone(); };
   return html`<${Button} kind=${sure ? "danger" : "plain"} busy=${busy} onClick=${() => (sure
     ? remove() : setSure(true))}
       onBlur=${() => setSure(false)} aria-label=${t("page.remove_token", { name: token.name })}>
@@ -42,10 +42,10 @@ function Remove({ token, onDone }) {
 
 function NewToken({ onClose }) {
   const [given, setGiven] = useState({ name: "", rights: ["view"], days: 90 });
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const send = async (event) => {
     event.preventDefault();
-    const found = await run(() => api.post("/tokens", given));
+    const found = await execute(() => api.post("/tokens", given));
     if (found) onClose(found.secret);
   };
   return html`<${Dialog} title=${t("page.add_token")} onClose=${() => onClose()}><form class="stack" onSubmit=${send}>

@@ -46,10 +46,10 @@ function NewUser({ onClose }) {
   const [given, setGiven] = useState({ name: "", role: "operator", password: "" });
   const [own, setOwn] = useState("");
   const sensitive = given.role === "administrator";
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const send = async (event) => {
     event.preventDefault();
-    if (await run(() => api.post("/users", sensitive ? { ...given, own_password: own } : given))) onClose();
+    if (await execute(() => api.post("/users", sensitive ? { ...given, own_password: own } : given))) onClose();
   };
   return html`<${Dialog} title=${t("page.add_user")} onClose=${onClose}><form class="stack" onSubmit=${send}>
     <${Field} label=${t("page.name")}><input value=${given.name} autocomplete="off" maxlength="64" data-first
@@ -67,15 +67,15 @@ function ChangeUser({ user, onClose }) {
   const [role, setRole] = useState(user.role);
   const [password, setPassword] = useState("");
   const [sure, setSure] = useState(false);
-  const [run, busy, error] = useRequest();
+  const [execute, busy, error] = useRequest();
   const [own, setOwn] = useState("");
   const me = user.name === session.value.user;
   const sensitive = !me && role === "administrator";
   const change = async (body) => {
     const sent = own ? { ...body, own_password: own } : body;
-    if (await run(() => api.patch(pathOf(user), sent))) onClose();
+    if (await execute(() => api.patch(pathOf(user), sent))) onClose();
   };
-  const remove = async () => { if (await run(() => api.remove(pathOf(user)))) onClose(); };
+  const remove = async () => { if (await execute(() => api.remove(pathOf(user)))) onClose(); };
   return html`<${Dialog} title=${t("page.change_user", { name: user.name })} onClose=${onClose}><div class="stack">
     <${RoleChoice} value=${role} onChange=${setRole} disabled=${me} />
     ${sensitive && html`<${OwnPassword} value=${own} onChange=${setOwn} />`}

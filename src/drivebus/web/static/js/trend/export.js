@@ -16,8 +16,8 @@ export function Export({ tags, shown }) {
   const [resolution, setResolution] = useState("1s");
   const [format, setFormat] = useState("wide");
   const [zone, setZone] = useState(LOCAL_ZONE);
-  const [run, busy, error, result] = useRequest();
-  const save = () => run(async () => {
+  const [execute, busy, error, result] = useRequest();
+  const save = () => execute(async () => {
     const window = shown();
     const query = { tags, from_ms: Math.round(window.from), to_ms: Math.round(window.to), resolution,
       format: format === "parquet" ? "parquet" : "csv", ...(format === "parquet" ? {} : {
