@@ -437,8 +437,8 @@ def test_a_command_that_a_model_lacks_is_named_in_chinese_with_the_next_step(
 @pytest.mark.parametrize("names", ["F0.0,F0.1", "F0.0, F0.1", "F0.0，F0.1", "F0.0、F0.1", "F0.0;F0.1"])
 def test_names_that_a_comma_joins_are_shown_apart(names: str) -> None:
     words = ["read", "sim://c320@1", *names.split(), "--model", "c320", "--address", "1"]
-    assert "write the names apart, with blanks between them: F0.0 F0.1\n" in run_words(words, "en").output
-    assert "各名称之间请用空格分隔：F0.0 F0.1\n" in run_words(words).output
+    assert "write F0.0 F0.1, with blanks between the names\n" in run_words(words, "en").output
+    assert "请写作 F0.0 F0.1，各名称之间用空格\n" in run_words(words).output
 
 
 def test_a_stop_of_addresses_beyond_the_range_names_them_all() -> None:
@@ -494,3 +494,41 @@ def test_a_run_at_0_hz_says_what_to_expect(target: list[str], words: list[str]) 
         result = run_words(line, language)
         assert (result.exit_code, i18n.text("drives.run_at_zero", language) in result.output) == (0, True)
     assert i18n.text("drives.run_at_zero") not in run_words([*line[: -1 - len(words)], "1", *words], "en").output
+
+
+SLIPS = [
+    ("run 25 {drive}", "the port stands first: sim://c320@1 before 25", "端口写在最前：sim://c320@1 在 25 之前"),
+    ("read F0.1 {drive}", "the port stands first: sim://c320@1 before F0.1", "端口写在最前"),
+    ("set-frequency 25 {drive}", "the port stands first: sim://c320@1 before 25", "端口写在最前"),
+    ("stop all {drive}", "all has no dashes: type --all", "all 前缺少短横线：请输入 --all"),
+    ("run {drive} --frequency 5 reverse", "type --reverse", "请输入 --reverse"),
+    ("run {drive} --frequency --dry-run", "--frequency needs a value.", "--frequency 需要一个值。"),
+    ("run {drive} --frequency 5 --drive --dry-run", "--drive needs a value.", "--drive 需要一个值。"),
+    ("run {drive} --frequency 5 --reverse=yes", "--reverse takes no value", "--reverse 不带值"),
+    ("run {drive} 25", "as an option: --frequency 25", "作为选项给出：--frequency 25"),
+    ("run {drive} --frequency=25 Hz", "argument: Hz; write the number without a unit", "Hz；只写数字，不写单位"),
+    ("run {drive} -frequency 25", "Did you mean --frequency?", "是否想用 --frequency？"),
+    ("run {drive} —frequency 25", "—frequency → --frequency", "—frequency → --frequency"),
+    ("run {drive} –frequency 25", "–frequency → --frequency", "–frequency → --frequency"),
+    ("set-frequency {drive} -5", "`drivebus run` turns backward with --reverse", "反转用 `drivebus run` 的 --reverse"),
+    ("set-frequency {drive}", "behind the port: `drivebus set-frequency PORT 25`", "写在端口之后"),
+    ("set {drive} 25", "Did you mean set-frequency?", "是否想用 set-frequency？"),
+    ("trend fan-1", "are on the page of a running service", "在运行中的服务的网页上"),
+    ("read {drive}", "`drivebus read PORT F0.1 output_frequency`", "写在端口之后"),
+    ("read {drive} F0,1", "write F0.1, with blanks between the names", "请写作 F0.1，"),
+    ("read {drive} F0.1=5", "`drivebus write` sets values", "写入请用 `drivebus write`"),
+    ("status --drive fan-1", "give its address too, such as --service", "还须给出其地址，例如 --service"),
+    ("status --service http://127.0.0.1:1 fan-1", "by name: --drive fan-1", "按名称识别变频器：--drive fan-1"),
+    ("status c320@1 --model c320 --address 1", "; try sim://c320@1", "；试试 sim://c320@1"),
+    ("status tcp:10.0.0.5:4001 --model c320 --address 1", "; try tcp://10.0.0.5:4001", "；试试 tcp://10.0.0.5:4001"),
+    ("serve", "`drivebus init` writes the file of a plant.", "`drivebus init` 生成工厂配置文件。"),
+    ("stop --all --model c320 --address 1", "which bus or plant? Give a PORT", "哪条总线或哪个工厂？请给出 PORT"),
+]
+
+
+@pytest.mark.parametrize(("line", "english", "chinese"), SLIPS, ids=[line for line, _, _ in SLIPS])
+def test_a_slip_of_the_command_line_is_answered_with_what_to_type(line: str, english: str, chinese: str) -> None:
+    words = line.format(drive="sim://c320@1 --model c320 --address 1").split()
+    result = run_words(words, "en")
+    assert (result.exit_code, english in result.output) == (2, True), result.output
+    assert chinese in run_words(words).output

@@ -80,7 +80,7 @@ def test_the_file_of_a_plant_in_place_of_a_port_says_where_its_ports_are(name: s
     [
         ("serial/by-id/usb-1a86-if00", "/dev/serial/by-id/usb-1a86-if00"),
         ("captures/day.dbcap", "replay://captures/day.dbcap"),
-        ("tcp:/192.168.1.50:4001", "drivebus ports"),
+        ("tcp:/192.168.1.50:4001", "tcp://192.168.1.50:4001"),
         ("192.168.1.50:4001/", "drivebus ports"),
     ],
 )

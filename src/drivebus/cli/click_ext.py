@@ -42,6 +42,8 @@ class Option(click.Option):
     def consume_value(self, ctx: click.Context, opts: Mapping[str, Any]) -> tuple[Any, Any]:
         """Return the only value of an option. Raises BadParameter where it is given more than once."""
         given = opts.get(self.name or "")
+        if isinstance(given, list):
+            self._require_values(ctx, given)
         if self.is_flag or self.multiple or not isinstance(given, list):
             return super().consume_value(ctx, opts)
         if len(given) > 1:
@@ -56,6 +58,14 @@ class Option(click.Option):
         """Return the explanation and the example."""
         text = output.text(self.key)
         return text + output.text("cli.for_example", example=self.example) if self.example else text
+
+    def _require_values(self, ctx: click.Context, given: list[Any]) -> None:
+        """Raise BadOptionUsage where the value is the next option of the command: the value of this one is missing."""
+        known = {
+            name for param in ctx.command.get_params(ctx) for name in param.opts if isinstance(param, click.Option)
+        }
+        if known & {value.partition("=")[0] for value in given if isinstance(value, str)}:
+            raise click.BadOptionUsage(max(self.opts, key=len), "", ctx)
 
 
 class Choice(click.Choice[str]):
@@ -107,6 +117,21 @@ class CliCommand(_LocalizedHelp, click.Command):
         self.help_key = help_key or name
         self.params += common_options()
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse as click does; name a whole word such as ``-frequency`` in the error, not its first letter only."""
+        words = list(args)
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            typed = (word.partition("=")[0] for word in words if word[:2] == error.option_name)
+            if (word := next(typed, "--")) and not word.startswith("--"):
+                takes_frequency = any(param.metavar == "HZ" for param in self.params if isinstance(param, Argument))
+                if takes_frequency and word[1:2].isdecimal():
+                    raise click.UsageError(output.text("cli.no_negative_frequency"), ctx) from None
+                alike = [name for param in self.params for name in param.opts if name == f"-{word}"]
+                raise click.NoSuchOption(word, possibilities=alike, ctx=ctx) from None
+            raise
+
     def get_short_help_str(self, limit: int = 45) -> str:
         return output.text(f"help.{self.help_key}.short")
 
@@ -154,7 +179,9 @@ class LazyGroup(_LocalizedHelp, click.Group):
                 raise
             from difflib import get_close_matches
 
-            error.possibilities = get_close_matches(error.command_name, self.list_commands(ctx))  # type: ignore[attr-defined]
+            names, typed = self.list_commands(ctx), error.command_name
+            begun = [name for name in names if typed and name.startswith(typed)]
+            error.possibilities = begun or get_close_matches(typed, names)  # type: ignore[attr-defined]
             raise
 
     def get_help_option(self, ctx: click.Context) -> click.Option | None:

@@ -36,27 +36,48 @@ class RemoteCommand(CliCommand):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         own = args[: args.index("--")] if "--" in args else args
         ctx.meta[_SERVICE_GIVEN] = any(word == "--service" or word.startswith("--service=") for word in own)
-        if ctx.meta[_SERVICE_GIVEN] and not ctx.resilient_parsing:
-            self._reject_port(ctx, args)
+        if not ctx.resilient_parsing:
+            self._check_port(ctx, args)
         return super().parse_args(ctx, args)
 
-    def _reject_port(self, ctx: click.Context, args: list[str]) -> None:
-        """Raise UsageError where a port is given beside ``--service``, which replaces it."""
+    def _check_port(self, ctx: click.Context, args: list[str]) -> None:
+        """Raise UsageError where a port does not stand first, or is given beside ``--service``, which replaces it.
+
+        So is a flag without its dashes: ``stop all PORT``.
+        """
         arguments = [param for param in self.params if isinstance(param, click.Argument)]
         replaced = next(param for param in arguments if param.name in _REPLACED_ARGUMENTS)
-        values, words, _ = self.make_parser(ctx).parse_args(list(args))
+        try:
+            values, words, _ = self.make_parser(ctx).parse_args(list(args))
+        except click.UsageError:
+            return  # the parser of click reports it
         for param in reversed(arguments):
             value = values.get(str(param.name))
             words = [*(value if isinstance(value, tuple) else [value] if isinstance(value, str) else []), *words]
-        if words and (arguments == [replaced] or _is_port(words[0])):
+        if not words:
+            return
+        flags = {name for param in self.params if getattr(param, "is_flag", False) for name in param.opts}
+        if bare := next((word for word in words if f"--{word}" in flags), None):
+            raise click.UsageError(output.text("cli.without_dashes", found=bare, option=f"--{bare}"), ctx)
+        has_port_first = _is_port(words[0])
+        if ctx.meta[_SERVICE_GIVEN] and (arguments == [replaced] or has_port_first):
+            is_name = not has_port_first and not words[0].endswith(".toml") and not values.get("drive")
+            key = "cli.service_drive" if is_name and _has_option(self, "drive") else "cli.service_replaces"
             name = replaced.make_metavar(ctx).strip("[]")
-            raise click.UsageError(output.text("cli.service_replaces", name=name, found=words[0]), ctx)
+            raise click.UsageError(output.text(key, name=name, found=words[0]), ctx)
+        port = None if has_port_first else next(filter(_is_port, words[1:]), None)
+        if port is not None:
+            raise click.UsageError(output.text("cli.port_first", port=port, found=words[0]), ctx)
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         params = super().get_params(ctx)
         if not ctx.meta.get(_SERVICE_GIVEN):
             return params
         return [_optional(param) for param in params if param.name not in _REPLACED_ARGUMENTS]
+
+
+def _has_option(command: click.Command, name: str) -> bool:
+    return any(param.name == name for param in command.params)
 
 
 def _is_port(word: str) -> bool:

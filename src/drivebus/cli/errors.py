@@ -29,6 +29,12 @@ _PORT_ARGUMENTS = {"port", "source", "target"}
 """Names of the arguments that a port may be given as."""
 _EXTRA_ARGUMENTS = re.compile(r"Got unexpected extra arguments? \((.*)\)", re.DOTALL)
 """Message of click for arguments beyond those of a command; it has no class or attribute of its own."""
+_FLAG_WITH_VALUE = "does not take a value."
+"""End of the message of click for a flag with a value; its class is that of an option without one."""
+_UNIT_WORDS = {"hz", "赫兹", "赫", "s", "秒", "bps"}
+"""Units that stand as a word of their own behind a number."""
+_ON_THE_PAGE = {"history", "trend", "trends", "export"}
+"""Words for what only the page of a service has."""
 _MISSING_COMMAND = "Missing command."
 """Message of click for a group without a command; it has no class of its own either."""
 
@@ -141,9 +147,14 @@ def note_full_width(arguments: Sequence[str]) -> None:
     """Name the words of a failed command line with full-width characters, and what to type; not words of a text."""
     wrong = [word for word in arguments if half_width(word) != word and _TEXT_CHARACTER.search(word) is None]
     if wrong:
-        words = output.join([f"{word} → {half_width(word)}" for word in wrong], "items")
+        words = output.join([f"{word} → {_option_or_word(half_width(word))}" for word in wrong], "items")
         with output.continue_without_output():
             output.print_note("cli.full_width", words=words)
+
+
+def _option_or_word(word: str) -> str:
+    """Return a word with the second dash of a long option, which an input method makes one of."""
+    return f"-{word}" if re.match(r"-[A-Za-z]{2}", word) else word
 
 
 def usage_text(error: click.ClickException) -> str:
@@ -151,19 +162,24 @@ def usage_text(error: click.ClickException) -> str:
     if isinstance(error, click.NoSuchOption):
         return _with_suggestions("cli.no_such_option", error.option_name, error.possibilities)
     if isinstance(error, click.exceptions.UsageError) and type(error).__name__ == "NoSuchCommand":
-        return _with_suggestions(
-            "cli.no_such_command", getattr(error, "command_name", ""), getattr(error, "possibilities", None)
-        )
+        name = getattr(error, "command_name", "")
+        if name in _ON_THE_PAGE:
+            sentences = [output.text("cli.no_such_command", name=name), output.text("cli.on_the_page")]
+            return output.join(sentences, "sentences")
+        return _with_suggestions("cli.no_such_command", name, getattr(error, "possibilities", None))
     if isinstance(error, click.MissingParameter):
         return output.text("cli.missing", name=_parameter_name(error))
     if isinstance(error, click.BadParameter):
         return output.text("cli.bad_value", name=_parameter_name(error), problem=error.message)
     if isinstance(error, click.BadOptionUsage):
-        return output.text("cli.needs_value", name=error.option_name)
+        is_flag = error.message.endswith(_FLAG_WITH_VALUE)
+        return output.text("cli.takes_no_value" if is_flag else "cli.needs_value", name=error.option_name)
     if error.message == _MISSING_COMMAND:
         return output.text("cli.missing", name="COMMAND")
     if extra := _EXTRA_ARGUMENTS.fullmatch(error.message):
-        return output.text("cli.extra_arguments", arguments=extra[1])
+        sentence = output.text("cli.extra_arguments", arguments=extra[1])
+        is_unit = extra[1].lower() in _UNIT_WORDS
+        return output.join([sentence, output.text("cli.number_alone")], "clauses") if is_unit else sentence
     return error.format_message()
 
 
@@ -171,6 +187,8 @@ def _missing_hint(error: click.MissingParameter) -> str | None:
     """Return the key of the sentence that says where a missing value is found; None without one."""
     name = error.param.name if error.param is not None else ""
     names = {param.name for param in error.ctx.command.params} if error.ctx is not None else set()
+    if name in _PORT_ARGUMENTS and error.ctx is not None and error.ctx.params.get("drive"):
+        return "cli.missing.service_of_drive"
     if name == "model" and not names & _PORT_ARGUMENTS:
         return "cli.missing.simulated_model"
     key = f"cli.missing.{'port' if name in _PORT_ARGUMENTS else 'address' if name == 'addresses' else name}"

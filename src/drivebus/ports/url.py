@@ -30,6 +30,8 @@ PORT_URL_EXAMPLES = (
 )
 
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
+_SCHEME_WITHOUT_SLASHES = re.compile(r"(sim|tcp|rfc2217|replay):/?([^/].*)", re.IGNORECASE)
+_SIMULATED = re.compile(r"\w+@[0-9][0-9,-]*")
 _COM = re.compile(r"(?:\\\\\.\\)?COM[0-9]{1,3}", re.IGNORECASE)
 _HOST_AND_PORT = re.compile(r"[\w.-]+:\d{1,5}")
 _NAME_IN_DEV = re.compile(r"tty|serial/by-|rfcomm|cu\.")
@@ -188,6 +190,10 @@ def _suggestion(text: str) -> str:
         return f"replay://{text}"
     if _NAME_IN_DEV.match(text):
         return f"/dev/{text}"
+    if slip := _SCHEME_WITHOUT_SLASHES.fullmatch(text):
+        return f"{slip[1].lower()}://{slip[2]}"
+    if _SIMULATED.fullmatch(text):
+        return f"sim://{text}"
     if _HOST_AND_PORT.fullmatch(text):
         return f"tcp://{text}"
     return "drivebus ports"

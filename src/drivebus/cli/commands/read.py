@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 _BETWEEN_NAMES = re.compile(r"[\s,;，、；]+")
 """What a user types between names; no name of a profile has it."""
+_COMMA_IN_A_NAME = re.compile(r"\b([A-Za-z]+[0-9]*)[,，]([0-9]+)\b")
+"""``F0,1`` for F0.1."""
 
 
 async def _read(target: Target, names: tuple[str, ...]) -> ExitCode:
@@ -68,9 +70,12 @@ def _cells(one: dict[str, Any], entry: Signal | Parameter) -> list[str]:
 
 def _reject_joined_names(ctx: click.Context, param: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names. Raises BadParameter where a comma joins some: they are separated by blanks."""
+    if assigned := next((name for name in names if "=" in name), None):
+        raise click.BadParameter(output.text("read.assigned", found=assigned), ctx, param)
     joined = [name for name in names if _BETWEEN_NAMES.search(name.strip())]
     if joined:
-        apart = " ".join(filter(None, _BETWEEN_NAMES.split(" ".join(names))))
+        with_points = _COMMA_IN_A_NAME.sub(r"\1.\2", " ".join(names))
+        apart = " ".join(filter(None, _BETWEEN_NAMES.split(with_points)))
         raise click.BadParameter(output.text("read.joined", found=" ".join(names), names=apart), ctx, param)
     return names
 

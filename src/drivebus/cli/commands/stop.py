@@ -70,8 +70,9 @@ def _stop_all(
         reject_local_options(given | {"directory": directory}, (*_BUS_OPTIONS, "drive", "directory"))
         return _stop_service(service)
     if directory is not None or target is None or target.endswith(".toml"):
+        folder = _state_folder(target, directory)
         reject_local_options(given, (*_BUS_OPTIONS, "drive"))
-        return _stop_local_service(target, directory)
+        return _stop_local_service(folder)
     return _stop_bus(target, given)
 
 
@@ -324,11 +325,10 @@ def _stop_service(service: str) -> ExitCode:
     return print_service_result(result, service)
 
 
-def _stop_local_service(plant: str | None, directory: str | None) -> ExitCode:
+def _stop_local_service(folder: Path) -> ExitCode:
     """Stop every drive of a service on this machine, through the socket that accepts nothing else."""
     from drivebus.service.ipc.protocol import SERVICE_SOCKET, socket_path
 
-    folder = _state_folder(plant, directory)
     result = asyncio.run(_request_stop(folder))
     return print_service_result(result, str(socket_path(folder, SERVICE_SOCKET)))
 
