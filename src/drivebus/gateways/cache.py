@@ -94,6 +94,10 @@ class TopicCache:
         """Return the service's time: the one of its last message and the time since."""
         return self._clock_ms + round((now - self._received_at) * 1000)
 
+    def silence_s(self, now: float) -> float:
+        """Return the time since the service's last message."""
+        return now - self._received_at
+
     def clear(self) -> None:
         """Discard everything: the service starts over."""
         self.topics.clear()

@@ -13,6 +13,8 @@ from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.service.live.hub import FRAMES_PREFIX, STATE_STREAM
 from drivebus.types import Json
 
+SERVICE_TIMEOUT_S = 2.0  # the service sends at least one message a second; the page takes as long for a lost connection
+
 _log = logging.getLogger(__name__)
 
 
@@ -27,12 +29,18 @@ class UpstreamFeed:
         self._streams: dict[str, asyncio.Task[None]] = {}
 
     def join(self, subscriber: Subscriber, patterns: Patterns, interval_s: float) -> FanoutGroup:
-        """Send the subscriber a snapshot as soon as there is one, then deltas."""
+        """Send the subscriber a snapshot as soon as there is one, then deltas; close it where the service is silent.
+
+        A snapshot of a silent service would show its last values as live.
+        """
         key = patterns, interval_s
         group = self._groups.get(key)
         if group is None:
             group = self._groups[key] = FanoutGroup(self._cache, patterns, interval_s)
-        group.join(subscriber, send_snapshot=self._has_snapshot)
+        if self._has_snapshot and self._cache.silence_s(asyncio.get_running_loop().time()) > SERVICE_TIMEOUT_S:
+            subscriber.close("upstream_lost")
+        else:
+            group.join(subscriber, send_snapshot=self._has_snapshot)
         self._update_streams()
         return group
 
