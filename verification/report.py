@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import platform
 import subprocess
 from math import log
 from pathlib import Path
@@ -29,7 +30,10 @@ def report_document(campaign: Campaign, campaign_run: CampaignRun) -> dict[str, 
         "upper_bound_95": upper_bound_95(campaign_run.violation_count, campaign_run.trials),
         "counts": dict(sorted(campaign_run.counts.items())),
         "figures": campaign_run.figures,
-        "machine": campaign_run.machine,
+        "machine": {
+            "python": f"{platform.python_implementation()} {platform.python_version()}",
+            **campaign_run.machine,
+        },
         "trace_sha256": campaign_run.digest,
         "violated": campaign_run.violations,
     }

@@ -1,8 +1,9 @@
-"""Commit of a report."""
+"""Commit and interpreter of a report."""
 
 from __future__ import annotations
 
 import json
+import platform
 import subprocess
 from pathlib import Path
 
@@ -34,9 +35,13 @@ def test_a_report_names_its_commit_and_local_changes(tmp_path: Path) -> None:
     )
 
 
-def test_a_report_names_the_commit_at_the_start_of_its_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_report_names_its_interpreter_and_the_commit_at_the_start_of_its_run(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """The checkout may change while a campaign runs for hours."""
     heads = iter(("began", "went on"))
     monkeypatch.setattr(report, "current_commit", lambda: next(heads))
     main(["matrix", "--budget", "1", "--report", str(tmp_path)])
-    assert json.loads((tmp_path / "campaign-matrix.json").read_text(encoding="utf-8"))["commit"] == "began"
+    found = json.loads((tmp_path / "campaign-matrix.json").read_text(encoding="utf-8"))
+    assert found["commit"] == "began"
+    assert found["machine"]["python"] == f"{platform.python_implementation()} {platform.python_version()}"
