@@ -101,7 +101,8 @@ def test_a_bare_sim_url_is_answered_with_the_models_that_can_be_simulated() -> N
     [
         ("ttyUSB0", "ports.url", "ttyUSB0"),
         ("COM３", "ports.url", "COM３"),
-        ("", "ports.url", ""),
+        ("", "ports.url", '""'),
+        (" ", "ports.url", '""'),
         ("serial://", "ports.url_empty", None),
         ("COM3?baud=fast", "ports.baud", "fast"),
         ("COM3?baud=１２００", "ports.baud", "１２００"),

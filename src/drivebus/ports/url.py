@@ -161,7 +161,7 @@ def _split_scheme(text: str) -> tuple[str, str]:
         raise PortUrlError("ports.url_plant", found=text)
     if _COM.fullmatch(path) or _is_path(path) or _is_device(path):
         return "serial", text
-    raise PortUrlError("ports.url", found=text, examples=PORT_URL_EXAMPLES, hint=_suggestion(text))
+    raise PortUrlError("ports.url", found=text or '""', examples=PORT_URL_EXAMPLES, hint=_suggestion(text))
 
 
 def _is_path(path: str) -> bool:
