@@ -596,6 +596,26 @@ def test_a_group_with_a_follower_above_its_limit_does_not_start() -> None:
     run(scenario())
 
 
+@pytest.mark.parametrize("operation", ["group.start", "group.set_frequency"])
+def test_a_limit_hit_at_a_ratio_names_the_drive_and_the_frequencies_that_the_group_may_have(operation: str) -> None:
+    """It named neither: 36 Hz was above the maximum where 40 Hz had been entered for three drives."""
+
+    async def scenario() -> None:
+        group = GroupConfig(id="fans", drives=("fan-1", "fan-2"), leader="fan-1", ratios={"fan-2": 3.0})
+        async with running_service(plant_config(groups=(group,))) as kit:
+            await ready(kit)
+            with pytest.raises(LimitError) as caught:
+                await kit.call(operation, group="fans", frequency_hz=20.0)
+            assert caught.value.text("en") == (
+                "fan-2 gets 3.0 times the frequency of group fans: 60.0 Hz is above the maximum of 50.0 Hz; "
+                "nothing was sent. fan-2 permits 0.0 Hz to 16.66 Hz for the group"
+            )
+            assert caught.value.text("zh").startswith("fan-2 的频率为组 fans 频率的 3.0 倍：")
+            assert (await kit.call("group.start", group="fans", frequency_hz=16.66))["outcomes"]["fan-2"]["status"]
+
+    run(scenario())
+
+
 def test_a_remote_jog_ends_half_a_second_after_its_last_renewal() -> None:
     async def scenario() -> None:
         async with running_service() as kit:

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
+from math import ceil, floor
 
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import DriveState
-from drivebus.errors import ControlNotHeld, DrivebusError, Expired, ServiceError, Superseded
+from drivebus.errors import ControlNotHeld, DrivebusError, Expired, LimitError, ServiceError, Superseded
 from drivebus.service.api.errors import error_to_json
 from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations.groups import (
@@ -76,7 +77,7 @@ class GroupCommands:
             raise Superseded("plant.group_starting", group=group.id)
         for runtime in runtimes:
             check_start(self.plant, runtime)
-            runtime.drive.check_frequency(follower_hz(group, runtime.id, params.frequency_hz))
+            _check_member_frequency(group, runtime, params.frequency_hz)
         self.plant.arm_tokens.consume(params.arm_token, f"group:{group.id}", actor, self.plant.now())
         self.progress[group.id] = 0
         outcomes: Json = {}
@@ -173,7 +174,7 @@ class GroupCommands:
         """
         group, runtimes = self._require_control(params.group, actor)
         for runtime in runtimes:
-            runtime.drive.check_frequency(follower_hz(group, runtime.id, params.frequency_hz))
+            _check_member_frequency(group, runtime, params.frequency_hz)
         first = runtimes[:1] if group.leader else []
         outcomes = {
             runtime.id: await self.commands.set_drive_frequency(
@@ -222,6 +223,26 @@ class GroupCommands:
             return "unknown"
         turning = [state.turning for state in states]
         return "running" if all(turning) else "mixed" if any(turning) else "stopped"
+
+
+def _check_member_frequency(group: GroupConfig, runtime: DriveRuntime, frequency_hz: float) -> None:
+    """Check the frequency of a member at its ratio. Raises LimitError with the frequencies that the group may have."""
+    own_hz = follower_hz(group, runtime.id, frequency_hz)
+    try:
+        runtime.drive.check_frequency(own_hz)
+    except LimitError as error:
+        ratio = group.ratios.get(runtime.id, 1.0)
+        low_hz, high_hz = runtime.drive.range_hz
+        raise LimitError(
+            "plant.group_frequency",
+            drive=runtime.id,
+            group=group.id,
+            frequency_hz=own_hz,
+            ratio=ratio,
+            low_hz=ceil(low_hz / ratio * 100) / 100,
+            high_hz=floor(high_hz / ratio * 100) / 100,
+            why=error,
+        ) from error
 
 
 def _is_expired(error: DrivebusError) -> bool:
