@@ -118,3 +118,27 @@ async def test_a_directory_that_can_not_be_used_is_named(tmp_path: Path) -> None
     with pytest.raises(ConfigurationError) as rejected:
         await remove_user(plant_config(directory=tmp_path / "state"))
     assert rejected.value.key == "plant.directory"
+
+
+async def test_a_change_whose_second_audit_record_fails_is_reported_as_done(tmp_path: Path) -> None:
+    """The disk became full with the change: the command failed as if nothing had been changed."""
+
+    class FullAfterOne(CountingService):
+        async def record(self, entry: dict[str, Any], actor: Any) -> None:
+            self.audit_fails = bool(self.records)
+            await super().record(entry, actor)
+
+    for name, error in (("operator", None), ("administrator", Conflict)):
+        auth_service(tmp_path / name)
+        server = SocketServer(FullAfterOne(), tmp_path / name / SERVICE_SOCKET)
+        with single_instance(tmp_path / name):
+            await server.open()
+            try:
+                change = remove_user(plant_config(directory=tmp_path / name), name)
+                if error is None:
+                    assert (await change).find(name) is None
+                else:
+                    with pytest.raises(error):
+                        await change
+            finally:
+                await server.close()

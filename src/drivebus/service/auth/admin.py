@@ -6,9 +6,9 @@ The running service writes the audit records; if none runs, they are appended to
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 
-from drivebus.errors import ConfigurationError, DrivebusError
+from drivebus.errors import AuditUnavailable, ConfigurationError, DrivebusError, ServiceUnavailable
 from drivebus.service.audit import AuditEntry, AuditTrail
 from drivebus.service.auth.actor import local_actor, local_user
 from drivebus.service.auth.users import UserDatabase, UserFile
@@ -40,9 +40,11 @@ async def change_users(
         try:
             after = user_file_of(config).change(change)
         except DrivebusError as error:
-            await write(entry | {"outcome": error.key})
+            with suppress(AuditUnavailable, ServiceUnavailable):  # the caller needs the first error
+                await write(entry | {"outcome": error.key})
             raise
-        await write(entry | {"outcome": "done"})
+        with suppress(AuditUnavailable, ServiceUnavailable):  # the change is done, and recorded as requested
+            await write(entry | {"outcome": "done"})
     return after
 
 
