@@ -7,6 +7,7 @@ import json
 import sys
 
 from drivebus import i18n
+from drivebus.errors import SystemReason
 from drivebus.gateways.process import run_gateway
 from drivebus.service.auth.service import AuthService
 from drivebus.service.ipc.client import SocketClient
@@ -55,7 +56,12 @@ def _announce(address: str, auth: AuthService, arguments: GatewayArguments[WebCo
     if arguments.address_output != "none":
         print_line(json.dumps({"page": address}) if arguments.address_output == "json" else address, sys.stdout)
     if secret is not None:
-        _print_notice("auth.setup_secret", address=address, secret=secret, file=str(auth.setup_secret.path))
+        file, error = str(auth.setup_secret.path), auth.setup_secret.file_error
+        if error is None:
+            _print_notice("auth.setup_secret", address=address, secret=secret, file=file)
+        else:
+            reason = SystemReason(error).text(i18n.preferred())
+            _print_notice("auth.setup_secret_unsaved", address=address, secret=secret, file=file, reason=reason)
     if auth.users_missing:
         _print_notice("auth.users_missing", file=str(auth.user_file.path))
     if listen_host(arguments.settings, auth) != arguments.settings.host:

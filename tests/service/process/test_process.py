@@ -351,3 +351,23 @@ def test_the_setup_secret_is_announced_in_the_language_of_the_command(tmp_path: 
     finally:
         process.terminate()
         process.communicate(timeout=30)
+
+
+def test_the_announcement_of_a_setup_secret_that_could_not_be_saved_names_no_file_as_its_place(tmp_path: Path) -> None:
+    """On a full disk it said that the secret is in a file that was not there."""
+    (tmp_path / "state" / "setup-secret").mkdir(parents=True)
+    (tmp_path / "state").chmod(0o700)
+    process = subprocess.Popen(
+        [*COMMAND, "serve", str(write(tmp_path)), "--lang", "en"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stderr is not None
+        lines = iter(process.stderr)
+        announced = next(line for line in lines if "http://127.0.0.1" in line) + next(lines)
+        assert "It is also in" not in announced and "only here: " in announced and "can't be written: " in announced
+    finally:
+        process.terminate()
+        process.communicate(timeout=30)

@@ -42,14 +42,18 @@ class SetupSecret:
 
     def __init__(self, directory: Path) -> None:
         self.path = directory / SETUP_SECRET_FILE
+        self.file_error: OSError | None = None
+        """Why the file could not be written."""
         self._secret: str | None = None
 
     def issue(self) -> str:
         """Return the secret; create it and its file on the first call."""
         if self._secret is None:
             self._secret = secrets.token_urlsafe(16)
-            with contextlib.suppress(OSError):  # a disk that cannot be written: the secret is printed too
+            try:
                 atomic_write_private(self.path, self._secret.encode() + b"\n")
+            except OSError as error:  # a disk that cannot be written: the secret is printed too
+                self.file_error = error
         return self._secret
 
     def verify(self, secret: str) -> bool:
