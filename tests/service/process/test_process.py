@@ -354,7 +354,7 @@ def test_the_setup_secret_is_announced_in_the_language_of_the_command(tmp_path: 
 
 
 def test_the_announcement_of_a_setup_secret_that_could_not_be_saved_names_no_file_as_its_place(tmp_path: Path) -> None:
-    """On a full disk it said that the secret is in a file that was not there."""
+    """On a full disk the announcement named a file that did not exist."""
     (tmp_path / "state" / "setup-secret").mkdir(parents=True)
     (tmp_path / "state").chmod(0o700)
     process = subprocess.Popen(
