@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -78,13 +79,38 @@ async def test_a_socket_that_is_removed_is_there_again_and_a_stop_finds_the_serv
             folder.mkdir(mode=0o700)
             await wait_until(lambda: (folder / STOP_SOCKET).is_socket() and (folder / SERVICE_SOCKET).is_socket())
             await wait_until(  # the line of the log follows the socket
-                lambda: len([line for line in caplog.messages if "was removed; it is there again" in line]) == 2
+                lambda: (
+                    len([line for line in caplog.messages if "was removed or replaced; it is there again" in line]) == 2
+                )
             )
             assert (await stop._request_stop(folder))["outcomes"]
             await client.call("plant.get", {}, LOCAL)
             assert client._writer is connection, "an open connection goes on"
             await client.close()
         assert list(folder.iterdir()) == []
+
+
+async def test_a_stop_finds_the_service_after_its_directory_was_moved_away_and_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The sockets of the folder that came back had no listener: the stop found no service while it ran."""
+    monkeypatch.setattr(main, "SOCKET_CHECK_INTERVAL_S", 0.01)
+    with TemporaryDirectory(prefix="drivebus-") as name:
+        folder, away = Path(name) / "state", Path(name) / "away"
+        folder.mkdir(mode=0o700)
+        async with running_service() as kit, main._service_sockets(kit.service, folder):
+            await asyncio.sleep(0.05)
+            folder.rename(away)
+            folder.mkdir(mode=0o700)
+            await wait_until(lambda: (folder / STOP_SOCKET).is_socket() and (folder / SERVICE_SOCKET).is_socket())
+            await asyncio.sleep(0.05)
+            shutil.rmtree(folder)
+            away.rename(folder)
+            await asyncio.sleep(0.2)
+            assert (await stop._request_stop(folder))["outcomes"]
+            client = SocketClient(folder / SERVICE_SOCKET)
+            await client.call("plant.get", {}, LOCAL)
+            await client.close()
 
 
 async def test_a_socket_whose_directory_may_not_be_entered_for_a_time_is_restored_later(
@@ -138,7 +164,7 @@ async def test_a_socket_that_is_removed_again_and_again_fills_no_log(
 
             for _ in range(10):
                 await remove()
-            line = f"the socket {stop_socket} was removed; it is there again"
+            line = f"the socket {stop_socket} was removed or replaced; it is there again"
             assert caplog.messages == [line]
             now[0] = 600.0
             await remove()

@@ -121,13 +121,14 @@ async def _listen(service: Service, folder: Path, stack: AsyncExitStack) -> tupl
 
 
 async def _restore_sockets(servers: tuple[SocketServer, StopServer]) -> None:
-    """Open each socket that was removed again: without them a stop on this machine finds no service."""
+    """Open each socket again that was removed or replaced: without them a stop on this machine finds no service."""
     missing: set[Path] = set()
+    accepting: dict[Path, tuple[int, int, int]] = {}
     while True:
         await asyncio.sleep(SOCKET_CHECK_INTERVAL_S)
         for server in servers:
             try:
-                if server.path.is_socket():
+                if server.path.is_socket() and await _accepts_connections(server.path, accepting):
                     missing.discard(server.path)
                     continue
                 await server.open()
@@ -137,8 +138,32 @@ async def _restore_sockets(servers: tuple[SocketServer, StopServer]) -> None:
                     LOG.error("the socket %s is missing: %s", server.path, reason, extra=AT_LONG_INTERVALS)
                 missing.add(server.path)
             else:
-                LOG.warning("the socket %s was removed; it is there again", server.path, extra=AT_LONG_INTERVALS)
+                LOG.warning(
+                    "the socket %s was removed or replaced; it is there again", server.path, extra=AT_LONG_INTERVALS
+                )
                 missing.discard(server.path)
+
+
+async def _accepts_connections(path: Path, accepting: dict[Path, tuple[int, int, int]]) -> bool:
+    """Return whether a program listens at a socket; the same file is tried only once. Raises OSError.
+
+    A state directory that was moved away and back has the socket file that nothing listens at any more.
+    """
+    identity = _file_identity(path)
+    if accepting.get(path) != identity:
+        try:
+            with short_socket_path(path) as short:
+                _, writer = await asyncio.open_unix_connection(short)
+        except ConnectionRefusedError:
+            return False
+        writer.close()
+        accepting[path] = identity
+    return True
+
+
+def _file_identity(path: Path) -> tuple[int, int, int]:
+    found = path.stat()
+    return found.st_dev, found.st_ino, found.st_ctime_ns
 
 
 async def _reload(service: Service) -> None:
