@@ -309,11 +309,21 @@ def test_a_file_that_names_no_plant_is_rejected_with_its_faults(text: str, tmp_p
     assert refused.value.key == "plant_config.refused"
 
 
-@pytest.mark.parametrize(("reply", "key"), [(b"", "stop_all.hangs"), (b"received\n", "stop_all.gone")])
-def test_stop_all_reports_an_unknown_outcome_of_a_service_that_hangs(
+@pytest.mark.parametrize(
+    ("reply", "key"),
+    [
+        (b"", "stop_all.hangs"),
+        (b"received\n", "stop_all.gone"),
+        (b'received\n{"outcomes": {}}\n', "stop_all.not_a_result"),
+        (b"received\nno JSON\n", "stop_all.not_a_result"),
+        (b"received\n[]\n", "stop_all.not_a_result"),
+        (b'hello\n{"outcomes": {}, "buses": {}}\n', "stop_all.not_a_result"),
+    ],
+)
+def test_stop_all_reports_an_unknown_outcome_of_a_service_that_hangs_and_of_another_program(
     reply: bytes, key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A frozen process still has its socket, and the kernel accepts the connection."""
+    """A frozen process still has its socket; the answer of another program ended the command with a traceback."""
     monkeypatch.setattr(stop, "STOP_ACCEPT_TIMEOUT_S", 0.2)
 
     def request_stop() -> None:

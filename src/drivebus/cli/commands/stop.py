@@ -6,6 +6,7 @@ import asyncio
 import json
 import sys
 from collections.abc import Awaitable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
@@ -347,10 +348,11 @@ def _state_folder(plant: str | None, directory: str | None) -> Path:
 async def _request_stop(folder: Path) -> Json:
     """Send the stop and return its result.
 
-    Raises StopUnconfirmed if no service answers, or it hangs or ends before it reports the result.
+    Raises StopUnconfirmed if no service answers, it hangs or ends before it reports the result, or reports another one.
     """
     from drivebus.service.ipc.protocol import (
         MAX_MESSAGE_BYTES,
+        STOP_RECEIVED,
         STOP_REQUEST,
         STOP_SOCKET,
         short_socket_path,
@@ -375,7 +377,11 @@ async def _request_stop(folder: Path) -> Json:
         line = b""
     if not line:
         raise StopUnconfirmed("stop_all.gone", socket=socket)
-    result: Json = json.loads(line)
+    result: Json | None = None
+    with suppress(ValueError):
+        result = json.loads(line)
+    if accepted != STOP_RECEIVED or not isinstance(result, dict) or not {"outcomes", "buses"} <= result.keys():
+        raise StopUnconfirmed("stop_all.not_a_result", socket=socket)
     return result
 
 
