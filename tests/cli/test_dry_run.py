@@ -257,7 +257,7 @@ def test_the_plan_of_a_stop_names_the_unlock_of_a_drive_that_rejects_it() -> Non
         assert not any(one["hex"].startswith("03 06 00 30") for one in document["frames"])
 
 
-REFUSED_UNASKED = [
+REFUSED_COMMAND_LINES = [
     "run sim://c320@1 --model c320 --address 1 --frequency 80",
     "run sim://c320@1 --model c320 --address 1 --frequency 80 --reverse",
     "set-frequency sim://vc660@1 80 --model vc660 --address 1",
@@ -268,7 +268,7 @@ REFUSED_UNASKED = [
 """Command lines that the command refuses before it asks the drive."""
 
 
-@pytest.mark.parametrize("line", REFUSED_UNASKED)
+@pytest.mark.parametrize("line", REFUSED_COMMAND_LINES)
 def test_a_dry_run_refuses_what_the_command_refuses_before_it_asks_the_drive(line: str) -> None:
     """A start frame of 80 Hz was shown for a drive of at most 50 Hz."""
     real, planned = (CliRunner().invoke(cli, [*line.split(), *more]) for more in ([], ["--dry-run"]))

@@ -66,7 +66,7 @@ def shown(text: str, keys: Iterable[str], **params: Any) -> list[str]:
 
 
 CONTROL = ("page.lease_free", "page.lease_mine", "page.lease_other_window", "page.not_live", "page.not_online")
-SEEN = {"presence": "online", "state": "stopped", "fault": None}
+ONLINE_AND_STOPPED = {"presence": "online", "state": "stopped", "fault": None}
 MINE, OTHER_WINDOW = {"owner": "me", "session": "mine"}, {"owner": "me", "session": "another"}
 
 
@@ -108,7 +108,7 @@ def test_the_place_of_a_fault_says_whether_there_is_one_or_that_it_is_unknown(
     draw: Draw, fan: Any, changed: Any, connection: str, expected: str
 ) -> None:
     """Regression: it was empty where the drive or the connection was lost."""
-    view = fan | SEEN | changed
+    view = fan | ONLINE_AND_STOPPED | changed
     text = draw("drive/current-fault", "CurrentFault", {"view": view}, connection=connection)
     assert shown(text, ["page.no_present_fault", "page.not_known"]) == [expected]
 

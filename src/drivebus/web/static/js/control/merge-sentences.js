@@ -3,16 +3,18 @@ import { localized, replaced, t } from "../i18n.js";
 import { listDrives, shortList } from "../titles.js";
 
 /** Parameters of a sentence that name the drive. */
-const OWN = ["drive", "station", "address"];
-/** Measured values: of several drives the lowest and the highest are shown. All others must be equal for sentences to be one. */
-const MEASURED = ["error_percent"];
+const DRIVE_PARAMETERS = ["drive", "station", "address"];
+/** Measured values: of several drives the lowest and the highest are shown. */
+const MEASURED_PARAMETERS = ["error_percent"];
+/** All other parameters must be equal for sentences to be one. */
+const MERGED_PARAMETERS = [...DRIVE_PARAMETERS, ...MEASURED_PARAMETERS];
 
 /** Equal sentences of several drives as one: `items` are {id, key, params, text}; the result is [{ids, text, isNamed}], and
  * `isNamed` says that the text has the names of the drives. */
 export function mergeSentences(items) {
   const groups = new Map();
   for (const one of items) {
-    const others = Object.entries(one.params ?? {}).filter(([name]) => ![...OWN, ...MEASURED].includes(name));
+    const others = Object.entries(one.params ?? {}).filter(([name]) => !MERGED_PARAMETERS.includes(name));
     const alike = JSON.stringify([one.key, others]);
     groups.set(alike, [...(groups.get(alike) ?? []), one]);
   }
@@ -21,8 +23,8 @@ export function mergeSentences(items) {
 
 function mergedText(alike) {
   const [{ params }] = alike;
-  const text = MEASURED.reduce((sentence, name) => withRange(sentence, alike, name), localized(alike[0].text));
-  const found = OWN.find((name) => params?.[name] !== undefined && text.includes(String(params[name])));
+  const text = MEASURED_PARAMETERS.reduce((sentence, name) => withRange(sentence, alike, name), localized(alike[0].text));
+  const found = DRIVE_PARAMETERS.find((name) => params?.[name] !== undefined && text.includes(String(params[name])));
   if (!found) return { text, isNamed: false };
   const isNamed = found === "drive";
   const own = isNamed ? listDrives(alike.map(({ id }) => id)) : shortList(alike.map((one) => one.params[found]));

@@ -10,8 +10,8 @@ import { mergeSentences } from "./merge-sentences.js";
 import { ReasonField } from "./reason-field.js";
 import { openRequest } from "./requests.js";
 
-/** More drives have buttons that choose all or none. */
-const FEW = 3;
+/** A longer list has buttons that choose all or none. */
+const MAX_DRIVES_WITHOUT_CHOOSE_ALL = 3;
 
 /** Result of each drive of {id: {status} or an error}: the refusals merged, and the drives that were done. */
 function SelectionResults({ outcomes }) {
@@ -39,8 +39,8 @@ function SelectionDialog({ views, title, ask, path, act, reasonLabel, optional =
   };
   const off = busy || !isLive.value || drives.length === 0;
   return html`<${Dialog} title=${title} onClose=${onClose}><form class="stack" onSubmit=${send}><p>${ask}</p>
-    ${!result && offered.length > FEW && html`<div class="row"><${Button} kind="quiet" onClick=${() => setLeft([])}
-      data-do="choose-all">${t("page.choose_all")}<//><${Button} kind="quiet" data-do="choose-none"
+    ${!result && offered.length > MAX_DRIVES_WITHOUT_CHOOSE_ALL && html`<div class="row"><${Button} kind="quiet"
+      onClick=${() => setLeft([])} data-do="choose-all">${t("page.choose_all")}<//><${Button} kind="quiet" data-do="choose-none"
       onClick=${() => setLeft(offered.map((view) => view.id))}>${t("page.choose_none")}<//></div>`}
     ${!result && html`<div class="choices">${offered.map((view) => html`<label class="check" key=${view.id}><input type="checkbox"
       checked=${!left.includes(view.id)} onChange=${() => setLeft(toggled(left, view.id))} />${titleOf(view)}</label>`)}</div>`}
