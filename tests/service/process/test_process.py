@@ -19,12 +19,13 @@ from typing import Any
 
 import pytest
 
+from drivebus import i18n
 from drivebus.cli.commands import stop
 from drivebus.cli.errors import ExitCode, exit_code_of
 from drivebus.errors import AuditUnavailable, ConfigurationError, StopUnconfirmed
 from drivebus.service.auth.actor import local_actor
 from drivebus.service.ipc.client import SocketClient
-from drivebus.service.ipc.protocol import SERVICE_SOCKET, socket_path
+from drivebus.service.ipc.protocol import SERVICE_SOCKET, STOP_SOCKET, socket_path
 
 COMMAND = [sys.executable, "-m", "drivebus"]
 PLANT = """
@@ -280,7 +281,8 @@ def children(pid: int) -> list[int]:
 
 def test_stop_all_reports_a_missing_service(tmp_path: Path) -> None:
     found = command("stop", "--all", "--directory", str(tmp_path))
-    assert found.returncode == 4 and "nothing was stopped" in found.stderr
+    sentence = i18n.text("stop_all.no_service", "en", socket=socket_path(tmp_path, STOP_SOCKET))
+    assert found.returncode == 4 and sentence in " ".join(found.stderr.split())
     assert command("stop", "--all").returncode == 2
 
 
