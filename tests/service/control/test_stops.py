@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from drivebus import i18n
+from drivebus.drives.drive import Drive
 from drivebus.drives.state import DriveState
 from drivebus.errors import (
     ArmRequired,
@@ -612,6 +613,24 @@ def test_a_limit_hit_at_a_ratio_names_the_drive_and_the_frequencies_that_the_gro
             )
             assert caught.value.text("zh").startswith("fan-2 的频率为组 fans 频率的 3.0 倍：")
             assert (await kit.call("group.start", group="fans", frequency_hz=16.66))["outcomes"]["fan-2"]["status"]
+
+    run(scenario())
+
+
+def test_a_cap_of_an_unknown_setpoint_step_is_not_called_the_range_of_a_group(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The drive was said to permit 50 Hz and to be limited to 0.5 Hz in one sentence."""
+
+    def refuse(drive: Drive, frequency_hz: float) -> float:
+        raise LimitError("drives.step_cap")
+
+    async def scenario() -> None:
+        group = GroupConfig(id="fans", drives=("fan-1", "fan-2"), leader="fan-1", ratios={"fan-2": 3.0})
+        async with running_service(plant_config(groups=(group,))) as kit:
+            await ready(kit)
+            monkeypatch.setattr(Drive, "check_frequency", refuse)
+            with pytest.raises(LimitError) as caught:
+                await kit.call("group.start", group="fans", frequency_hz=20.0)
+            assert caught.value.key == "drives.step_cap"
 
     run(scenario())
 

@@ -34,6 +34,8 @@ from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
 
 SLOT_POLL_INTERVAL_S = 0.1
+RANGE_ERRORS = ("drives.above_maximum", "drives.below_minimum")
+"""Errors of a frequency outside ``Drive.range_hz``; a cap until a setpoint step is known is no part of that range."""
 ACCELERATING_STATES = (DriveState.ACCELERATING, DriveState.RESTARTING)
 DEFAULT_RAMP_S = 10.0
 """A drive that does not report its state counts as accelerating for its ramp time, or this long where unknown."""
@@ -226,11 +228,16 @@ class GroupCommands:
 
 
 def _check_member_frequency(group: GroupConfig, runtime: DriveRuntime, frequency_hz: float) -> None:
-    """Check the frequency of a member at its ratio. Raises LimitError with the frequencies that the group may have."""
+    """Check the frequency of a member at its ratio.
+
+    Raises LimitError: for a frequency outside the member's range with the frequencies that the group may have.
+    """
     own_hz = follower_hz(group, runtime.id, frequency_hz)
     try:
         runtime.drive.check_frequency(own_hz)
     except LimitError as error:
+        if error.key not in RANGE_ERRORS:
+            raise
         ratio = group.ratios.get(runtime.id, 1.0)
         low_hz, high_hz = runtime.drive.range_hz
         raise LimitError(
@@ -239,8 +246,8 @@ def _check_member_frequency(group: GroupConfig, runtime: DriveRuntime, frequency
             group=group.id,
             frequency_hz=own_hz,
             ratio=ratio,
-            low_hz=ceil(low_hz / ratio * 100) / 100,
-            high_hz=floor(high_hz / ratio * 100) / 100,
+            low_hz=ceil(round(low_hz / ratio * 100, 6)) / 100,
+            high_hz=floor(round(high_hz / ratio * 100, 6)) / 100,
             why=error,
         ) from error
 
