@@ -67,7 +67,7 @@ def included_models() -> list[str]:
 
 def model_name(text: str) -> str:
     """Return the name of a model that a user typed in any case, as ``models`` spells it; an unknown one as it is."""
-    return _in_any_case(text, models()) or text
+    return text if text in _builtin_files() else _in_any_case(text, models()) or text
 
 
 def load(model: str | Path) -> DriveProfile:
@@ -159,7 +159,7 @@ def _find_file(model: str | Path, beside: Path | None = None) -> Path:
     shipped, own = _file_in_any_case(name, _builtin_files()) or _file_in_any_case(name, _family_files()), None
     with suppress(ProfileError) if shipped else nullcontext():
         own = _file_in_any_case(name, _user_files())
-    if shipped and own:
+    if shipped and own and (own.stem == name or shipped.stem != name):
         raise _single_error(own, issue("shadows", (), name))
     found = shipped or own
     if found is None:
