@@ -288,7 +288,9 @@ def test_a_takeover_during_a_lost_connection_is_shown_without_a_time(page: Any) 
 def test_a_control_lease_that_ended_without_a_release_is_announced(visit: Any, language: str) -> None:
     page = visit("#/settings", language=language)
     page.evaluate("""async () => {
-      const [store, session] = await Promise.all(['store', 'session'].map((one) => import(`/static/js/${one}.js`)));
+      const [store, session, live] = await Promise.all(
+        ['store', 'session', 'live'].map((one) => import(`/static/js/${one}.js`)));
+      while (!live.isLive.value) await new Promise((resolve) => { setTimeout(resolve, 20); });
       for (const lease of [{ owner: 'me', session: session.session.value.session }, null]) {
         store.applyDelta({ topics: { 'drives/fan-1': { lease } } });
         await new Promise((resolve) => { setTimeout(resolve, 100); });
