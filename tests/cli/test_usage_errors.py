@@ -322,6 +322,12 @@ def test_a_value_given_twice_is_refused_with_both(line: str, message: str) -> No
     assert f"重复给出（{chinese}）" in run_words(line.split()).output
 
 
+@pytest.mark.parametrize("more", ["--address 1", "--option setpoint_step=0.01 --option setpoint_step=0.01"])
+def test_a_stop_with_a_value_given_twice_alike_is_sent(more: str) -> None:
+    result = run_words(f"stop {DRIVE} --address 1 {more}".split(), "en")
+    assert (result.exit_code, "Confirmed" in result.output) == (0, True), result.output
+
+
 def test_an_option_that_may_be_repeated_takes_several_values() -> None:
     coding = ["--option", "setpoint_coding=hex-0.1", "--option", "query_coding=hex-0.1"]
     assert run_words(["status", "sim://dzb100@1", "--model", "dzb100", "--address", "1", *coding]).exit_code == 0

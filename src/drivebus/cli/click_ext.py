@@ -40,13 +40,13 @@ class Option(click.Option):
             parser.add_option(obj=self, opts=self.opts, dest=self.name, action="append", nargs=self.nargs)
 
     def consume_value(self, ctx: click.Context, opts: Mapping[str, Any]) -> tuple[Any, Any]:
-        """Return the only value of an option. Raises BadParameter where it is given more than once."""
+        """Return the value of an option. Raises BadParameter for two that differ."""
         given = opts.get(self.name or "")
         if isinstance(given, list):
             self._require_values(ctx, given)
         if self.is_flag or self.multiple or not isinstance(given, list):
             return super().consume_value(ctx, opts)
-        if len(given) > 1:
+        if len(set(given)) > 1:
             key = "cli.given_twice_list" if (self.metavar or "").endswith(LIST_METAVAR) else "cli.given_twice"
             problem = output.text(
                 key, values=output.join(given, "items"), example=f"{max(self.opts, key=len)} {','.join(given)}"

@@ -97,13 +97,12 @@ def profile_option() -> click.Option:
 def reject_second_value(
     ctx: click.Context, param: click.Parameter, given: tuple[tuple[str, Any], ...]
 ) -> tuple[tuple[str, Any], ...]:
-    """Return assignments, each of a name of its own. Raises BadParameter for two values of one name."""
+    """Return assignments. Raises BadParameter for two values of one name that differ."""
     values: dict[str, Any] = {}
     for name, value in given:
-        if name in values:
+        if values.setdefault(name, value) != value:
             both = output.join([f"{name}={values[name]}", f"{name}={value}"], "items")
             raise click.BadParameter(output.text("cli.given_twice", values=both), ctx, param)
-        values[name] = value
     return given
 
 
