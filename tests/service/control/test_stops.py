@@ -618,7 +618,7 @@ def test_a_limit_hit_at_a_ratio_names_the_drive_and_the_frequencies_that_the_gro
 
 
 def test_a_cap_of_an_unknown_setpoint_step_is_not_called_the_range_of_a_group(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The drive was said to permit 50 Hz and to be limited to 0.5 Hz in one sentence."""
+    """The refusal limited the drive to 0.5 Hz and named a range up to 50 Hz."""
 
     def refuse(drive: Drive, frequency_hz: float) -> float:
         raise LimitError("drives.step_cap")
