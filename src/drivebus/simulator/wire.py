@@ -131,7 +131,7 @@ class Wire:
                 if recent.source is source and recent.end > start:
                     start = recent.end
             silent_since = self.silent_since(start)
-        foreign = settings is not None and self.is_foreign(settings)
+        foreign = self.is_foreign(settings)
         character_s = settings.character_s if foreign and settings is not None else self._character_s
         transmission = Transmission(source, data, start, character_s, start - silent_since)
         quality = self.line_quality
