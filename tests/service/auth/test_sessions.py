@@ -19,6 +19,7 @@ from drivebus.service.auth.rights import ROLE_RIGHTS, Right, Role
 from drivebus.service.auth.service import SESSION_SAVE_INTERVAL_S, AuthService
 from drivebus.service.auth.sessions import (
     MAX_SESSIONS_PER_USER,
+    REPLACED_SECRET_LIFETIME_S,
     SESSION_IDLE_TIMEOUT_S,
     SESSION_LIFETIME_S,
     secret_digest,
@@ -83,6 +84,7 @@ def test_activity_in_time_keeps_a_session_active(tmp_path: Path) -> None:
 
 
 def test_a_password_unlocks_an_idle_session_and_voids_its_old_secret(tmp_path: Path) -> None:
+    """For some seconds the old one can still stop, as before: a stop with it may be under way."""
     auth, clock = auth_service(tmp_path)
     old, credential = login(auth)
     other, _ = login(auth)
@@ -92,6 +94,13 @@ def test_a_password_unlocks_an_idle_session_and_voids_its_old_secret(tmp_path: P
     assert credential.is_idle
     unlocked = run(auth.unlock(credential.session, PASSWORD))
     assert unlocked.session is credential.session and not credential.is_idle
+    clock.now += REPLACED_SECRET_LIFETIME_S - 0.1
+    late = auth.session_credential(old)
+    assert late is not None and late.is_idle and late.actor.rights == {Right.VIEW, Right.STOP}
+    assert restarted(auth, clock).session_credential(old) is None
+    clock.now += 0.1
+    assert late.end_reason == "replaced" and not late.actor.rights, "an open connection ends too"
+    assert credential.end_reason is None
     for service in (auth, restarted(auth, clock)):
         assert [service.session_credential(secret) is not None for secret in (old, unlocked.secret, other)] == [
             False,

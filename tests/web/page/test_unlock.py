@@ -55,6 +55,26 @@ def test_a_request_of_before_the_unlocking_that_is_refused_after_it_does_not_log
     page.wait_for_selector(".lease.own")
 
 
+def test_an_answer_to_the_cookie_of_before_the_unlocking_does_not_log_out(stage: Stage, visit: Any) -> None:
+    """Regression: a page that lost its connection asked for its session, which the old cookie no longer has."""
+    page = visit("#/drive/fan-1", role="operator")
+    fall_idle(stage)
+    page.reload()
+    page.wait_for_selector("[data-do=unlock]")
+    held: list[Any] = []
+    page.route("**/api/v1/session", lambda request: held.append(request), times=1)
+    page.evaluate("() => { import('/static/js/session.js').then((found) => found.loadSession()); }")
+    page.wait_for_timeout(100)
+    page.fill("[data-do=unlock] input[type=password]", PASSWORD)
+    page.click("[data-do=unlock] button[type=submit]")
+    page.wait_for_selector("[data-do=unlock]", state="detached")
+    [request] = held
+    request.fulfill(json={"user": None, "rights": [], "csrf": None, "setup": False})
+    page.wait_for_timeout(300)
+    page.click("[data-do=take]")
+    page.wait_for_selector(".lease.own")
+
+
 @pytest.mark.parametrize("size", [(1280, 900), (390, 844)])
 def test_a_dialog_of_a_session_that_falls_idle_is_unlocked_in_place_and_keeps_its_input(
     stage: Stage, visit: Any, size: tuple[int, int]

@@ -13,7 +13,7 @@ from drivebus.service.api.denial_log import MAX_KINDS_PER_PERIOD, SUMMARY_PERIOD
 from drivebus.service.api.errors import localized
 from drivebus.service.auth.devices import DeviceCookies, device_cookie_name
 from drivebus.service.auth.rights import AccessLevel
-from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S
+from drivebus.service.auth.sessions import REPLACED_SECRET_LIFETIME_S, SESSION_IDLE_TIMEOUT_S
 from drivebus.testing.virtual_time import run
 from drivebus.values import Text
 from drivebus.web.app import declared_routes
@@ -351,12 +351,16 @@ def test_a_password_unlocks_an_idle_session_which_stays_the_same_one(tmp_path: P
         unlocked = await client.post("/api/v1/session/unlock", json={"password": PASSWORD})
         after = unlocked.json()
         assert (after["idle"], after["session"], after["user"]) == (False, before["session"], "operator")
-        assert harness.auth.session_credential(old) is None and after["csrf"] == before["csrf"], (
-            "another tab can stop at once"
-        )
+        assert after["csrf"] == before["csrf"], "another tab can stop at once"
+        late = {"Cookie": f"drivebus_session={old}"}
+        assert (await client.post("/api/v1/stop", headers=late)).status_code == 200, "a stop that was under way"
+        refused = await client.post("/api/v1/drives/fan-1/run", json={"frequency_hz": 5.0}, headers=late)
+        assert refused.json()["error"]["code"] == "auth.idle"
+        harness.clock.now += REPLACED_SECRET_LIFETIME_S
+        assert (await client.post("/api/v1/stop", headers=late)).status_code == 401
         answer = await client.post("/api/v1/drives/fan-1/run", json={"frequency_hz": 5.0})
         assert answer.status_code == 200 and harness.service.calls[-1][2].session == before["session"]
-        harness.clock.now += 12 * 3600.0 - SESSION_IDLE_TIMEOUT_S
+        harness.clock.now += 12 * 3600.0 - SESSION_IDLE_TIMEOUT_S - REPLACED_SECRET_LIFETIME_S
         assert (await client.get("/api/v1/drives")).status_code == 401, "twelve hours are twelve hours"
         message = [
             (entry["what"], entry["outcome"]) for entry, _ in harness.service.records if entry["what"] == "unlock"

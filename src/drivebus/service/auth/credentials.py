@@ -34,6 +34,8 @@ class SessionCredential:
 
     session: Session
     context: AuthContext
+    secret_ends: float | None = None
+    """Time at which its secret ends that an unlocking has replaced: until then it has the rights of an idle session."""
 
     @property
     def end_reason(self) -> str | None:
@@ -41,12 +43,15 @@ class SessionCredential:
         user = self.context.database().find(self.session.user)
         if user is None or user.stamp != self.session.stamp:
             self.session.end("rights")
-        self.session.expire(self.context.clock())
+        now = self.context.clock()
+        self.session.expire(now)
+        if self.secret_ends is not None and now >= self.secret_ends:
+            return self.session.end_reason or "replaced"
         return self.session.end_reason
 
     @property
     def is_idle(self) -> bool:
-        return self.session.is_idle(self.context.clock())
+        return self.secret_ends is not None or self.session.is_idle(self.context.clock())
 
     @property
     def actor(self) -> Actor:

@@ -285,9 +285,14 @@ class AuthService:
         return user
 
     def session_credential(self, secret: str) -> SessionCredential | None:
-        """Return the credential of a cookie; None if it is unknown or ended."""
-        session = self.sessions.find(secret, self.clock())
-        credential = SessionCredential(session, self.context) if session is not None else None
+        """Return the credential of a cookie; None if it is unknown or ended.
+
+        A cookie that an unlocking has just replaced may view and stop for ``REPLACED_SECRET_LIFETIME_S``.
+        """
+        session, secret_ends = self.sessions.find(secret, self.clock()), None
+        if session is None and (replaced := self.sessions.find_replaced(secret)):
+            session, secret_ends = replaced
+        credential = SessionCredential(session, self.context, secret_ends) if session is not None else None
         return credential if credential is not None and credential.end_reason is None else None
 
     def token_credential(self, secret: str, address: str) -> TokenCredential | None:

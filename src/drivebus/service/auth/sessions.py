@@ -95,6 +95,8 @@ SESSION_IDLE_TIMEOUT_S = 900.0
 """After this time without activity a session may only view and stop."""
 SESSION_LIFETIME_S = 12 * 3600.0
 """A login lasts one shift."""
+REPLACED_SECRET_LIFETIME_S = 10.0
+"""For this time the secret that an unlocking has replaced may still view and stop: requests with it are under way."""
 MAX_SESSIONS_PER_USER = 20
 """A further login ends the user's least active session."""
 
@@ -132,6 +134,8 @@ class SessionTable:
 
     def __init__(self) -> None:
         self._by_digest: dict[str, Session] = {}
+        self._replaced: dict[str, tuple[Session, float]] = {}
+        """Digest of a replaced secret: its session, and the time at which the secret ends."""
 
     def open(self, user: User, address: str, now: float) -> tuple[str, Session]:
         """Open a session and return its secret, which is new for every login, and the session."""
@@ -152,8 +156,12 @@ class SessionTable:
     def unlock(self, session: Session, now: float) -> str:
         """Unlock an idle session after a password check and return its new secret.
 
-        Its id and CSRF token stay: its control leases remain valid, and another tab of the browser can still stop.
+        Its id and CSRF token stay: its control leases remain valid, and another tab of the browser can still stop. A
+        request with the old secret, which may be a stop, can still be under way: see ``find_replaced``.
         """
+        ends = now + REPLACED_SECRET_LIFETIME_S
+        self._replaced = {key: one for key, one in self._replaced.items() if now < one[1]}
+        self._replaced |= {key: (one, ends) for key, one in self._by_digest.items() if one is session}
         self._by_digest = {key: one for key, one in self._by_digest.items() if one is not session}
         secret = secrets.token_urlsafe(32)
         session.active = now
@@ -170,6 +178,10 @@ class SessionTable:
             del self._by_digest[secret_digest(secret)]
             return None
         return session
+
+    def find_replaced(self, secret: str) -> tuple[Session, float] | None:
+        """Return the session whose unlocking has replaced this secret, and the time at which the secret ends."""
+        return self._replaced.get(secret_digest(secret))
 
     def stored(self) -> tuple[StoredSession, ...]:
         """Return the open sessions for ``SessionStore``."""

@@ -13,9 +13,15 @@ export const may = (right) => (session.value?.rights ?? []).includes(right);
 /** Whether a lease, or a request for control, is of this session. */
 export const isMine = (lease) => lease !== null && lease !== undefined && lease.session === session.value?.session;
 
-/** Load the session. Raises ApiError when the server cannot be reached. */
+/**
+ * Load the session, again where it has changed meanwhile: unlocking replaces the cookie, and an answer to the old one says
+ * that nobody is logged in. Raises ApiError when the server cannot be reached.
+ */
 export async function loadSession() {
-  session.value = await api.get("/session");
+  const before = session.peek();
+  const found = await api.get("/session");
+  if (session.peek() !== before) return loadSession();
+  session.value = found;
 }
 
 export async function login(name, password) {
@@ -54,8 +60,9 @@ let activitySentAt = 0;
 async function onActivity() {
   if (!loggedIn.peek() || idle.peek() || nowMs() - activitySentAt < ACTIVITY_INTERVAL_MS) return;
   activitySentAt = nowMs();
+  const before = session.peek();
   const found = await api.post("/session/activity").catch(() => null);
-  if (found) session.value = found;
+  if (found && session.peek() === before) session.value = found;
 }
 
 /** Report the user's activity, and reload the rights every minute. */
