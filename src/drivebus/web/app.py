@@ -66,7 +66,7 @@ def make_app(client: ServiceClient, auth: AuthService, web: WebConfig) -> FastAP
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         yield
-        await denials.flush()
+        await denials.close()
 
     table = RouteTable(route for router in routers for route in router.routes)
     app = _WebApp(

@@ -117,6 +117,23 @@ def test_the_count_is_recorded_before_a_new_period() -> None:
     run(scenario())
 
 
+@pytest.mark.parametrize("waited_s", [1.0, SUMMARY_PERIOD_S + 0.5])
+def test_the_end_of_the_process_records_the_count_and_leaves_no_task(waited_s: float) -> None:
+    """Also where the period has just ended, and its record is being written."""
+    plant = FailingService(1.0)
+
+    async def scenario() -> None:
+        denials = denial_log(plant)
+        for _ in range(3):
+            await denials.record_denial("POST", "/stop", "k", EVE)
+        await asyncio.sleep(waited_s)
+        await denials.close()
+        assert [times for _, _, times, _ in recorded_denials(plant)] == [1, 2]
+        assert not [task for task in asyncio.all_tasks() if task.get_name() == "denial log"]
+
+    run(scenario())
+
+
 def test_kinds_beyond_the_limit_of_a_period_are_counted_together() -> None:
     plant = CountingService()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 from typing import NamedTuple, Protocol
 
 from drivebus.clock import Clock
@@ -59,6 +60,7 @@ class DenialLog:
         self._counts: dict[DenialKind, int] = {}
         self._period_start = -SUMMARY_PERIOD_S
         self._flush_task: asyncio.Task[None] | None = None
+        self._closing = asyncio.Event()
 
     async def record_denial(self, method: str, target: str, reason: str, actor: Actor) -> None:
         """Count a denial, and record it if it is the first of its kind in this period."""
@@ -82,7 +84,16 @@ class DenialLog:
         return True
 
     async def _flush_later(self) -> None:
-        await asyncio.sleep(SUMMARY_PERIOD_S)
+        with suppress(TimeoutError):
+            await asyncio.wait_for(self._closing.wait(), SUMMARY_PERIOD_S)
+        await self.flush()
+
+    async def close(self) -> None:
+        """Record the number of repetitions now, at the end of the process."""
+        self._closing.set()
+        if self._flush_task is not None:
+            await self._flush_task
+        self._closing.clear()
         await self.flush()
 
     async def flush(self) -> None:
