@@ -14,8 +14,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from drivebus import i18n
-from drivebus.cli import extras, output
+from drivebus.cli import errors, extras, output
 from drivebus.cli.main import cli
+from drivebus.errors import DrivebusError
 from drivebus.service.auth.errors import AccessDenied
 from drivebus.service.auth.rights import Right
 from fixtures.service import SHOP_FILE
@@ -320,6 +321,13 @@ def test_a_value_given_twice_is_refused_with_both(line: str, message: str) -> No
     assert (result.exit_code, message in result.output) == (2, True), result.output
     chinese = message.partition("(")[2].partition(")")[0].replace(", ", "、")
     assert f"重复给出（{chinese}）" in run_words(line.split()).output
+
+
+@pytest.mark.parametrize("alike", errors._SHARED_HINTS)
+def test_errors_with_the_same_remedy_share_its_text(alike: str) -> None:
+    hint = errors.error_hint(DrivebusError(alike))
+    assert hint is not None and hint == errors.error_hint(DrivebusError(errors._SHARED_HINTS[alike]))
+    assert not i18n.known(f"hint.{alike}"), "it would never be shown"
 
 
 @pytest.mark.parametrize("more", ["--address 1", "--option setpoint_step=0.01 --option setpoint_step=0.01"])

@@ -41,6 +41,17 @@ _MISSING_COMMAND = "Missing command."
 
 _HINTS_OF_COMMANDS = {"coast": "hint.drives.cannot_coast", "quick_stop": "hint.drives.cannot_quick_stop"}
 """Hints of ``drives.cannot`` for the commands that another one replaces."""
+_SHARED_HINTS = {
+    "drives.confirm_inputs": "drives.confirm_address",
+    "drives.confirm_serial": "drives.confirm_address",
+    "drives.confirm_source": "drives.confirm_address",
+    "drives.eeprom_clock": "drives.eeprom_budget",
+    "drives.stop_reply_lost": "drives.stop_no_reply",
+    "drives.stop_rejected_running": "drives.stop_rejected",
+    "plant.waiver_needed_tested": "plant.waiver_needed",
+    "plant.waiver_of_another": "plant.waiver_needed",
+}
+"""Errors with the same remedy as another one."""
 
 
 class ExitCode(IntEnum):
@@ -111,7 +122,7 @@ def error_hint(error: DrivebusError) -> str | None:
     cause = error.__cause__
     for one in (error, cause) if isinstance(cause, DrivebusError) else (error,):
         own = _HINTS_OF_COMMANDS.get(str(one.params.get("what"))) if one.key == "drives.cannot" else None
-        if i18n.known(key := own or f"hint.{one.key}"):
+        if i18n.known(key := own or f"hint.{_SHARED_HINTS.get(one.key, one.key)}"):
             return output.text(key, **one.params)
     return None
 
