@@ -433,8 +433,10 @@ def test_only_an_engineer_takes_a_lease_from_another_session() -> None:
 
 
 @pytest.mark.parametrize("policy", list(OnServiceStop))
-def test_a_stopping_service_stops_the_drives_that_it_started_by_their_policy(policy: OnServiceStop) -> None:
-    """Drives that others started run on."""
+def test_a_stopping_service_stops_the_drives_that_it_started_by_their_policy(
+    policy: OnServiceStop, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Drives that others started run on; the log warns of each that may be running."""
 
     async def scenario() -> None:
         drives = tuple(replace(drive, on_service_stop=policy) for drive in DRIVES)
@@ -452,6 +454,9 @@ def test_a_stopping_service_stops_the_drives_that_it_started_by_their_policy(pol
             assert kit.drives_of_events("plant.held") == ([] if stopped else ["fan-1"])
             assert kit.drives_of_events("plant.left_running") == ["fan-2"]
             assert kit.drives_of_events("plant.left_unknown") == ["pump-1", "pump-2"]
+            records = [record for record in caplog.records if "running" in record.message]
+            left = ["fan-2", "pump-1", "pump-2"] if stopped else ["fan-1", "fan-2", "pump-1", "pump-2"]
+            assert [(vars(one)["event"]["drive"], one.levelname) for one in records] == [(id, "WARNING") for id in left]
 
     run(scenario())
 

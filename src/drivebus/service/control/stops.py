@@ -120,7 +120,7 @@ class StopCommands:
         if stops:
             await asyncio.wait(stops.values(), timeout=SERVICE_STOP_TIMEOUT_S)
         for runtime, key in left.items():
-            self.plant.publish_event("lease", runtime.id, key, actor=actor.name)
+            self.plant.publish_event("not_stopped", runtime.id, key, actor=actor.name)
         found = {runtime.id: task.result() if task.done() else None for runtime, task in stops.items()}
         for task in stops.values():  # the stops have been sent; their confirmation is not waited for
             task.cancel()

@@ -33,6 +33,7 @@ EVENT_LEVELS = {
     "alarm": logging.WARNING,
     "presence": logging.WARNING,
     "gateway": logging.WARNING,
+    "not_stopped": logging.WARNING,
 }
 
 
