@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from drivebus.errors import ControlNotHeld, Superseded
+from drivebus.errors import ControlNotHeld, Interlocked, Superseded
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import GroupConfig
@@ -91,6 +91,34 @@ def test_no_follower_starts_after_a_leader_that_has_not_started() -> None:
             assert (found["fan-2"]["code"], found["fan-2"]["params"]["leader"]) == ("plant.leader_not_done", "fan-1")
             assert kit.station("fan-2").motor.starts == 0
             kit.station("fan-1").faults.mute = False
+
+    run(scenario())
+
+
+def test_a_group_does_not_start_while_a_follower_is_known_to_be_offline() -> None:
+    """The leader ran alone, and the outcome named the follower afterwards. Without a leader the others start."""
+
+    async def scenario() -> None:
+        for leader in ("fan-1", None):
+            group = replace(GROUP, leader=leader, ratios={})
+            async with running_service(plant_config(groups=(group,))) as kit:
+                await asyncio.sleep(2)
+                await kit.grant_waivers()
+                kit.station("fan-2").faults.silent = True
+                await asyncio.sleep(10)
+                if leader is None:
+                    await kit.call("group.start", group="fans", frequency_hz=20.0)
+                    assert kit.station("fan-1").motor.starts == 1
+                    continue
+                for operation, more in (("group.arm", {}), ("group.start", {"frequency_hz": 20.0})):
+                    with pytest.raises(Interlocked) as refused:
+                        await kit.call(operation, group="fans", **more)
+                    assert (refused.value.key, refused.value.params["drive"]) == ("plant.member_offline", "fan-2")
+                assert kit.station("fan-1").motor.starts == 0
+                kit.station("fan-2").faults.silent = False
+                await asyncio.sleep(10)
+                await kit.call("group.start", group="fans", frequency_hz=20.0)
+                assert [kit.station(drive).motor.starts for drive in GROUP.drives] == [1, 1]
 
     run(scenario())
 

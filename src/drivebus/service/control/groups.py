@@ -9,9 +9,10 @@ import asyncio
 from dataclasses import replace
 from math import ceil, floor
 
+from drivebus.bus.station import Presence
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import DriveState
-from drivebus.errors import ControlNotHeld, DrivebusError, Expired, LimitError, ServiceError, Superseded
+from drivebus.errors import ControlNotHeld, DrivebusError, Expired, Interlocked, LimitError, ServiceError, Superseded
 from drivebus.service.api.errors import error_to_json
 from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations.groups import (
@@ -61,6 +62,7 @@ class GroupCommands:
         group, runtimes = self._require_control(params.group, actor)
         for runtime in runtimes:
             check_start(self.plant, runtime)
+        _check_members_online(group, runtimes)
         return {
             "arm_token": self.plant.arm_tokens.issue(f"group:{group.id}", actor, self.plant.now()),
             "expires_s": ARM_TTL_S,
@@ -80,6 +82,7 @@ class GroupCommands:
         for runtime in runtimes:
             check_start(self.plant, runtime)
             _check_member_frequency(group, runtime, params.frequency_hz)
+        _check_members_online(group, runtimes)
         self.plant.arm_tokens.consume(params.arm_token, f"group:{group.id}", actor, self.plant.now())
         self.progress[group.id] = 0
         outcomes: Json = {}
@@ -225,6 +228,16 @@ class GroupCommands:
             return "unknown"
         turning = [state.turning for state in states]
         return "running" if all(turning) else "mixed" if any(turning) else "stopped"
+
+
+def _check_members_online(group: GroupConfig, runtimes: list[DriveRuntime]) -> None:
+    """Check that every drive of a group with a leader replies: without a follower the leader would run alone.
+
+    Raises Interlocked.
+    """
+    for runtime in runtimes if group.leader else ():
+        if runtime.bus.presence(runtime.config.address) is not Presence.ONLINE:
+            raise Interlocked("plant.member_offline", drive=runtime.id, group=group.id, leader=group.leader)
 
 
 def _check_member_frequency(group: GroupConfig, runtime: DriveRuntime, frequency_hz: float) -> None:
