@@ -96,7 +96,9 @@ def test_an_ordered_end_stops_adopted_drives_and_names_those_that_it_leaves_runn
             await asyncio.sleep(8)
             first.history.events.clear()
             outcomes = await service.stop()
-            left = {event["drive"]: event["text"]["en"] for event in first.history.events if event["kind"] == "lease"}
+            left = {
+                event["drive"]: event["text"]["en"] for event in first.history.events if event["kind"] == "not_stopped"
+            }
             assert "neither started it" in left["pump-1"] and "not known" in left["pump-2"]
             await asyncio.sleep(6)
             running = fans.station(1).motor.phase is not OutputPhase.OFF
