@@ -417,6 +417,25 @@ def test_no_sound_is_tried_before_the_first_key_on_the_page(page: Any) -> None:
     assert page.evaluate("window.tried") == 1
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_after_a_reload_the_sound_button_says_that_the_browser_waits_for_a_click(visit: Any, language: str) -> None:
+    """Regression: it said that the sound is on, and no alarm sounded. The click that permits it turns nothing off."""
+    page = visit("#/settings", language=language)
+    page.add_init_script(
+        "window.touched = { hasBeenActive: false };"
+        "Object.defineProperty(navigator, 'userActivation', { get: () => window.touched });"
+        "addEventListener('pointerdown', () => { window.touched = { hasBeenActive: true }; });"
+    )
+    page.reload()
+    button = page.locator("[data-do=sound]")
+    button.locator(".icon-silenced").wait_for()
+    assert button.get_attribute("title") == i18n.text("page.alarm_sound_waits", language)
+    for how, icon in (("on", "sound"), ("off", "silenced"), ("on", "sound")):
+        button.click()
+        page.locator(f"[data-do=sound][title='{i18n.text(f'page.alarm_sound_{how}', language)}']").wait_for()
+        assert button.locator(f".icon-{icon}").count() == 1
+
+
 @pytest.mark.parametrize(
     ("real", "requested", "expected"), [("0.5", "0.5", None), ("15", "0.5", 15), ("15", "15", None), ("1", "0.5", None)]
 )

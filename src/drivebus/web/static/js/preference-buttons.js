@@ -1,6 +1,6 @@
 // Buttons of the language, the theme and the sound of alarms.
 import { html } from "./lib.js";
-import { chooseSound, isSoundOn } from "./alarms/alarm-sound.js";
+import { isSoundOn, isSoundPermitted, toggleSound } from "./alarms/alarm-sound.js";
 import { LANGUAGES, chooseLanguage, language, t } from "./i18n.js";
 import { session } from "./session.js";
 import { THEMES, chooseTheme, themeChoice } from "./theme.js";
@@ -14,8 +14,12 @@ export function PreferenceButtons() {
     <${Button} kind="quiet" icon="sun" onClick=${() => chooseTheme(next)}
       aria-label=${t("page.theme_is", { now: t(`page.theme_${themeChoice.value}`), next: t(`page.theme_${next}`) })}>
       ${t(`page.theme_${themeChoice.value}`)}<//>
-    ${session.value.user && html`<${Button} kind="quiet" icon=${isSoundOn.value ? "sound" : "silenced"} data-do="sound"
-      aria-pressed=${isSoundOn.value ? "true" : "false"} aria-label=${t("page.alarm_sound")}
-      title=${t(isSoundOn.value ? "page.alarm_sound_on" : "page.alarm_sound_off")}
-      onClick=${() => chooseSound(!isSoundOn.value)} />`}`;
+    ${session.value.user && html`<${SoundButton} />`}`;
+}
+
+function SoundButton() {
+  const how = !isSoundOn.value ? "off" : isSoundPermitted.value ? "on" : "waits";
+  return html`<${Button} kind="quiet" icon=${how === "on" ? "sound" : "silenced"} data-do="sound"
+    aria-pressed=${isSoundOn.value ? "true" : "false"} aria-label=${t("page.alarm_sound")} title=${t(`page.alarm_sound_${how}`)}
+    onClick=${toggleSound} />`;
 }

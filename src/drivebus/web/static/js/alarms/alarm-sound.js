@@ -8,17 +8,25 @@ const TONES_HZ = [880, 660];
 const TONE_S = 0.25;
 
 export const isSoundOn = signal(loadPreference("sound", true) === true);
+const hasBeenUsed = () => navigator.userActivation?.hasBeenActive !== false;
+
+/** Whether this browser lets the page sound: only after the user's first click or key on it, also after a reload. */
+export const isSoundPermitted = signal(hasBeenUsed());
 let audio = null;
 let timer = null;
 
-export function chooseSound(on) {
-  isSoundOn.value = on;
-  savePreference("sound", on);
+/** Turn the sound off or on; the click that lets the browser sound leaves it on. */
+export function toggleSound() {
+  if (isSoundOn.value && !isSoundPermitted.value) return;
+  isSoundOn.value = !isSoundOn.value;
+  savePreference("sound", isSoundOn.value);
 }
 
-/** Sound both tones. A browser lets a page sound only after the user's first click or key on it, and warns before. */
+/** Sound both tones, where the browser permits it: before, it only warns. */
 export function play() {
-  if (navigator.userActivation?.hasBeenActive === false) return;
+  const isPermitted = hasBeenUsed();
+  isSoundPermitted.value = isPermitted;
+  if (!isPermitted) return;
   audio ??= new AudioContext();
   audio.resume();
   TONES_HZ.forEach((hertz, n) => {
@@ -32,6 +40,7 @@ export function play() {
 /** Sound at once for a new urgent alarm and every ten seconds until all are acknowledged or shelved. */
 export function startAlarmSound() {
   let known = new Set();
+  for (const name of ["click", "keydown"]) addEventListener(name, () => { isSoundPermitted.value = hasBeenUsed(); });
   effect(() => {
     const urgent = isSoundOn.value ? urgentAlarms() : [];
     const isNew = urgent.some((alarm) => !known.has(alarm.id));
