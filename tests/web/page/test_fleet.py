@@ -161,6 +161,19 @@ def test_a_dense_tile_with_an_alarm_shows_its_whole_name_and_value(visit: Any, s
     assert page.locator(".tile").first.bounding_box()["height"] < 90
 
 
+def test_the_stop_button_of_a_dense_tile_has_a_frame_that_a_stopped_drives_square_has_not(visit: Any) -> None:
+    """Regression: two equal squares stood there, one the state and one the bus stop."""
+    page = visit("#/fleet", size=(1440, 900))
+    page.evaluate("localStorage.setItem('drivebus.fleet', JSON.stringify({ size: 'dense' }))")
+    page.reload()
+    tile = page.locator(".tiles.dense .tile", has=page.locator(".icon-standing")).first
+    width = "one => parseFloat(getComputedStyle(one).borderTopWidth)"
+    assert tile.locator(".tilestop .icon").evaluate(width) >= 1
+    assert tile.locator(".icon-standing").evaluate(width) == 0
+    frame, spark = tile.locator(".tilestop .icon").bounding_box(), tile.locator(".spark").bounding_box()
+    assert frame["y"] + frame["height"] <= spark["y"]
+
+
 TURNS = """async () => {
   const store = await import('/static/js/store.js');
   const heights = () => [...document.querySelectorAll('.tile')].map((one) => one.offsetHeight);

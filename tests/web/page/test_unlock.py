@@ -102,7 +102,9 @@ def test_a_notice_of_the_service_stays_until_it_is_closed_and_a_new_one_comes(st
     try:
         stage.service.plant.notice = {"en": "the first", "zh": "第一条"}
         page.wait_for_selector("[data-text=notice]:has-text('第一条')")
-        page.click("[data-do=close-notice]")
+        close = page.locator("[data-do=close-notice]")
+        assert close.evaluate("one => getComputedStyle(one).textDecorationLine") == "underline"
+        close.click()
         page.wait_for_selector("[data-text=notice]", state="detached")
         stage.service.plant.notice = {"en": "the second", "zh": "第二条"}
         page.wait_for_selector("[data-text=notice]:has-text('第二条')")
