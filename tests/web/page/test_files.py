@@ -100,6 +100,17 @@ def test_the_page_loads_its_own_texts_and_every_text_that_a_reading_or_a_frame_c
     assert named & i18n.catalogue("en").keys() <= loaded
 
 
+def test_the_page_loads_no_text_that_only_the_command_line_names() -> None:
+    """Those of the terminal view and of single commands were loaded too."""
+    package = HERE.parent
+    sources = [path for path in package.rglob("*.[pj][ys]") if package / "cli" not in path.parents]
+    named = {
+        name for path in sources for name in re.findall(r"""["'`]([a-z_]+)\.[a-z0-9_$]""", path.read_text("utf-8"))
+    }
+    loaded = json.loads(i18n.catalogue_json("en", COMMAND_LINE_TEXTS)).keys()
+    assert not {key for key in loaded if key.partition(".")[0] not in named}
+
+
 def _packed(content: bytes) -> bytes:
     return gzip.compress(content, 6, mtime=0)
 

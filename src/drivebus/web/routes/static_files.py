@@ -31,7 +31,9 @@ COMMAND_LINE_TEXTS = frozenset(
     {
         "acceptance",
         "audit",
+        "bus_stop",
         "cli",
+        "comm_loss_test",
         "control",
         "decode",
         "demo",
@@ -41,9 +43,13 @@ COMMAND_LINE_TEXTS = frozenset(
         "help",
         "hint",
         "history",
+        "jog",
+        "live",
+        "loopback",
         "metrics",
         "models",
         "monitor",
+        "outcome",
         "params",
         "plant_check",
         "plant_config",
@@ -64,6 +70,7 @@ COMMAND_LINE_TEXTS = frozenset(
         "stop_all",
         "system",
         "user_command",
+        "waive",
     }
 )
 """First parts of the keys that only the command line and the service use; the page does not load them."""
