@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -47,7 +48,8 @@ def test_the_page_tells_each_step_in_both_languages_and_shows_the_trip_and_the_a
     assert all(text["en"].startswith("Demo: ") and text["zh"].startswith("演示：") for text in captions)
     assert all("{" not in text[language] for text in captions for language in ("en", "zh"))
     tripped = next(text for step, text in zip(steps, captions, strict=True) if step.action == "trip")
-    assert "fan 3" in tripped["en"] and "风机 3" in tripped["zh"]
+    assert "fan 3" in tripped["en"] and "风机 3 的电机" in tripped["zh"]
+    assert not [text["zh"] for text in captions if re.search("[0-9A-Za-z][一-鿿]|[一-鿿][0-9A-Za-z]", text["zh"])]
 
 
 def test_the_trip_of_the_demo_has_a_cause_and_a_remedy(tmp_path: Path) -> None:
