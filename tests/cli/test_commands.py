@@ -459,11 +459,21 @@ def test_an_error_after_which_the_motor_may_turn_is_followed_by_a_stop() -> None
 
     after = (errors.TargetNotReached, errors.OutcomeUnknown, errors.StopUnconfirmed)
     before = (errors.LimitError, errors.StartInhibited, errors.PreflightError, errors.DriveRejected, errors.NoReply)
-    unknown = errors.NoReply("x")
-    unknown.outcome = object()
-    assert not nothing_moved(unknown)
+    before += (errors.ChecksumError, errors.TrailingError, errors.AddressError)  # of a read before the start
+    for unknown in (errors.NoReply("x"), errors.ChecksumError("x")):
+        unknown.outcome = object()
+        assert not nothing_moved(unknown)
     assert all(nothing_moved(kind("x")) for kind in before)
     assert not any(nothing_moved(kind("x")) for kind in after)
+
+
+def test_a_run_whose_reads_before_the_start_are_damaged_sends_no_stop_to_a_drive_that_others_may_run() -> None:
+    """As after a missing reply: nothing was sent that the end of the command would have to undo."""
+    result = CliRunner().invoke(
+        cli, ["run", "sim://c320@1?line_quality=junk=1", "--model", "c320", "--address", "1", "--frequency", "5"]
+    )
+    assert result.exit_code == 3, result.output
+    assert i18n.text("run.stopping") not in result.output and "STOP" not in result.output
 
 
 def test_a_bus_stop_without_addresses_stops_the_present_drives_and_counts_the_absent_addresses() -> None:

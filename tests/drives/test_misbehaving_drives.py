@@ -24,7 +24,7 @@ from drivebus.drives.permissives import (
     grant_permit,
 )
 from drivebus.drives.state import DerivedState, DriveState
-from drivebus.errors import DrivebusError, Expired, StartInhibited, StopUnconfirmed
+from drivebus.errors import DrivebusError, Expired, StartInhibited, StopUnconfirmed, TargetNotReached
 from drivebus.ports import open_port
 from drivebus.protocols import sunfar
 from drivebus.protocols.codec import Effect
@@ -99,6 +99,28 @@ def test_a_cancelled_calibration_run_is_stopped() -> None:
                 await task
             await asyncio.sleep(15.0)
             assert not bench.station().motor.energised and not drive.stop_pending
+
+    run_virtual(scenario())
+
+
+@pytest.mark.parametrize("obeys", [True, False])
+def test_a_calibration_run_whose_replies_are_lost_ends_with_a_stop_and_says_how_that_ended(obeys: bool) -> None:
+    """The motor turns while Q00 and Q01 are read: their error alone would say nothing of it."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives("dzb100") as bench:
+            drive = bench.drive(options={"query_coding": "hex-0.1"})
+            task = asyncio.ensure_future(drive.calibrate("setpoint_coding"))
+            await until_turning(bench, task)
+            await asyncio.sleep(2.5)
+            bench.station().faults.mute, bench.station().faults.silent = obeys, not obeys
+            with pytest.raises(TargetNotReached) as caught:
+                await task
+            assert bench.station().motor.energised is not obeys
+            assert caught.value.key == "drives.calibration_run_failed"
+            assert "station 1 is offline" in caught.value.text("en") and "STOP NOT CONFIRMED" in caught.value.text("en")
+            assert "停机未确认" in caught.value.text("zh") and "STOP" not in caught.value.text("zh")
+            assert caught.value.outcome.status is OutcomeStatus.UNKNOWN and drive.stop_pending
 
     run_virtual(scenario())
 

@@ -216,4 +216,7 @@ def nothing_moved(error: BaseException) -> bool:
         errors.DriveRejected,
         errors.ServiceError,
     )
-    return isinstance(error, never_sent) or (isinstance(error, errors.BusError) and error.outcome is None)
+    if isinstance(error, never_sent):
+        return True
+    # that of a read before the start has no outcome
+    return isinstance(error, errors.BusError | errors.ProtocolError) and error.outcome is None

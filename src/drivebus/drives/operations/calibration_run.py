@@ -17,7 +17,8 @@ from drivebus.drives.operations.stop import stop
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.permissives import CommandKind, state_inhibit
 from drivebus.drives.state import Direction, DriveState
-from drivebus.errors import LimitError, TargetNotReached
+from drivebus.errors import BusError, LimitError, ProtocolError, TargetNotReached
+from drivebus.values import Text
 
 T = TypeVar("T")
 
@@ -29,7 +30,8 @@ def run_at_word(
 ) -> DriveOperation[T]:
     """Run once at a raw word, measure, and stop. The word means at most 5 Hz under every scale that is left.
 
-    Raises TargetNotReached where nothing was measured or the stop is not confirmed, and every error of ``run``.
+    Raises TargetNotReached where nothing was measured, also because a read failed, or the stop is not confirmed, and
+    every error of ``run``.
     """
     op.drive.require_capability("run")
     op.drive.check_direction(direction)
@@ -53,13 +55,17 @@ def run_at_word(
         raise result.error
     started = yield from confirm_start(op, command, frames, direction, result.error is None)
     measured: T | None = None
+    began = Text.per_language(started.text)
     if started.status is OutcomeStatus.CONFIRMED:
         yield from wait(CALIBRATION_RUN_S)
         yield from op.check_not_superseded(command)
-        measured = yield from measure()
+        try:
+            measured = yield from measure()
+        except (BusError, ProtocolError, TargetNotReached) as unread:  # the motor turns: the stop comes first
+            began = Text.per_language(unread.text)
     stopped = yield from stop(op, StopMode.STOP)
     if measured is None or stopped.status is not OutcomeStatus.CONFIRMED:
-        raise _failure(word, started, stopped)
+        raise _failure(word, began, stopped)
     return measured
 
 
@@ -71,16 +77,15 @@ def _write_word(op: OperationContext, word: int, direction: Direction | None) ->
     command = op.create_command(CommandKind.SETPOINT, conditions)
     written = yield from write_setpoint(op, command, word, op.dialect.setpoint_frequency(word))
     if not written.succeeded:
-        raise _failure(word, written, written)
+        raise _failure(word, Text.per_language(written.text), written)
     yield from op.check_not_superseded(command)
     error = yield from op.read_verified_state()
     if error is not None:
         raise error
 
 
-def _failure(word: int, first: Outcome, last: Outcome) -> TargetNotReached:
-    failure = TargetNotReached(
-        "drives.calibration_run_failed", word=f"{word:04X}H", began=first.text(), ended=last.text()
-    )
+def _failure(word: int, began: Text, last: Outcome) -> TargetNotReached:
+    ended = Text.per_language(last.text)
+    failure = TargetNotReached("drives.calibration_run_failed", word=f"{word:04X}H", began=began, ended=ended)
     failure.outcome = last
     return failure
