@@ -88,6 +88,9 @@ def test_a_warning_stands_beside_the_state_with_its_bits() -> None:
 def test_a_fault_whose_text_has_its_label_is_named_once() -> None:
     assert fault_text(Fault(9, "Fu.12", Text("fault Fu.12", "故障 Fu.12"))) == "fault Fu.12"
     assert fault_text(Fault(9, "E009", Text("over-current", "过电流"))) == "E009 over-current"
+    two_bits = Text("fault bit 4, not published; fault bit 5, not published", "位 4 故障；位 5 故障")
+    assert fault_text(Fault(4, "bit 4 + bit 5", two_bits)) == two_bits.en
+    assert fault_text(Fault(4, "bit 4 + bit 6", two_bits)) == f"bit 4 + bit 6 {two_bits.en}"
 
 
 @pytest.mark.parametrize("cells", [40, 60, 80, 120])
@@ -185,6 +188,20 @@ def test_a_scan_says_once_that_addresses_sent_bytes_without_a_valid_reply(
     assert [row for row in rows if row[0] == "1-3,9" and "8N1/8E1" in row and "rtu" in row]
     joined = " ".join(shown.split())
     assert "9600 8N1" in joined and "19200 8N1" in joined and "ascii" in joined
+
+
+def test_a_scan_says_once_that_another_address_replied_in_each_encoding(capsys: pytest.CaptureFixture[str]) -> None:
+    def foreign(address: int, encoding: str) -> DetectedDrive:
+        return DetectedDrive(
+            models=(), setpoint_steps_hz={}, family="sunfar", encoding=encoding, address=address, valid_reply=False,
+            settings=SerialSettings.parse(9600, "8E1"), exchange=(b"", b""), replied_address=2,
+        )  # fmt: skip
+
+    found = [foreign(1, "ascii"), foreign(1, "hex"), foreign(3, "ascii")]
+    print_scan("x", ScanProgress(total_s=1.0, found=found), None, ExitCode.FAILED)
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "ascii, hex" in shown and shown.count("from address 2 to a request for 1") == 1
+    assert shown.count("from address 2 to a request for 3") == 1
 
 
 def detected(address: int, *models: str, fits_partly: bool = False) -> DetectedDrive:

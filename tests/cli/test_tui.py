@@ -23,6 +23,7 @@ from drivebus.cli.output import table, width, wrap
 from drivebus.cli.tui.app import MonitorApp
 from drivebus.cli.tui.bus_source import BusRowSource
 from drivebus.cli.tui.capture_source import CapturePlayer
+from drivebus.cli.tui.plain import drive_text
 from drivebus.cli.tui.rows import COLUMN_SIGNALS, BusRow, DriveRow
 from drivebus.cli.tui.tables import CellTable, bus_cells, bus_columns, drive_cells, drive_columns
 from drivebus.cli.tui.threaded import ThreadedRowSource
@@ -130,6 +131,27 @@ def test_an_uncertain_value_has_a_question_mark_and_an_offline_drive_no_answer()
     assert row.cell("output_frequency") == "3.00?"
     assert row.state_text() == "OFFLINE"
     assert row.age_text(100.0) == "50.0"
+
+
+@pytest.mark.parametrize(
+    ("label", "text", "shown", "narrow"),
+    [
+        ("Fu.12", "fault Fu.12: see the manual", "fault Fu.12: see the manual", "Fu.12"),
+        ("E009", "over-current", "E009 over-current", "E009"),
+        ("", "under-voltage", "under-voltage", "under-voltage"),
+    ],
+)
+def test_a_fault_is_shown_once_and_also_without_a_label_on_the_keypad(
+    label: str, text: str, shown: str, narrow: str
+) -> None:
+    row = replace(FakeRowSource().drives()[0], state="fault", fault_label=label, fault_text=text)
+    assert drive_text(row, 100.0).endswith(f"  {shown}")
+    for cells, expected in ((160, shown), (80, narrow)):
+        columns = drive_columns(cells)
+        cell = drive_cells(row, 100.0, columns)[list(columns).index("fault")].plain.strip()
+        assert expected.startswith(cell.rstrip("…").strip()) and cell
+    assert row.to_json(100.0)["fault"] == {"label": label, "text": text}
+    assert FakeRowSource().drives()[0].to_json(100.0)["fault"] is None
 
 
 @pytest.mark.parametrize("cells", [60, 70, 80, 120])

@@ -300,16 +300,15 @@ def _scan_table(found: list[DetectedDrive], stream: Any = None) -> str:
     if not found:
         return output.text("scan.nothing")
     head = [output.text(f"scan.{name}") for name in ("address", "model", "encoding", "serial", "note")]
+    encodings: dict[tuple[str, str, str, str], list[str]] = {}
+    for drive in found:
+        if not drive.unreadable:
+            models = " / ".join(drive.models) or output.text("scan.unknown")
+            row = (str(drive.address), models, str(drive.settings), _note(drive))
+            encodings.setdefault(row, []).append(drive.encoding)
     rows = [
-        [
-            str(drive.address),
-            " / ".join(drive.models) or output.text("scan.unknown"),
-            drive.encoding,
-            str(drive.settings),
-            _note(drive),
-        ]
-        for drive in found
-        if not drive.unreadable
+        [address, models, output.join(alike, "items"), settings, note]
+        for (address, models, settings, note), alike in encodings.items()
     ]
     return output.fitted_table(head, rows + _unreadable_rows([drive for drive in found if drive.unreadable]), stream)
 

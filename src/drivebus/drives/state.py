@@ -68,6 +68,14 @@ class Direction(LocalizedEnum):
     REVERSE = "reverse"
 
 
+FAULT_LABEL_SEPARATOR = " + "  # between the labels of several faults at once; reads alike in every language
+
+
+def names_fault_label(text: str, label: str) -> bool:
+    """Return whether the text of a fault has its label, or that of several faults each of theirs."""
+    return all(part in text for part in label.split(FAULT_LABEL_SEPARATOR))
+
+
 @dataclass(frozen=True, slots=True)
 class Fault:
     """Fault that the drive reports: its code, the keypad's label, and the maker's text where published."""

@@ -143,6 +143,15 @@ def test_a_fault_without_a_text_shows_its_label_and_the_word_fault_once() -> Non
     assert alarms.active()[1].text.zh == "风机报告故障：Fu.9：见手册"
 
 
+def test_two_faults_at_once_whose_texts_have_their_labels_show_each_label_once() -> None:
+    texts = {"en": "fault bit 4, not published; fault bit 5, not published", "zh": "bit 4 故障；bit 5 故障"}
+    alarms = engine()
+    run(alarms, (0, view(fault={"code": 4, "label": "bit 4 + bit 5", "text": texts})))
+    (alarm,) = alarms.active()
+    assert alarm.text.en == "Fan reports a fault: bit 4, not published; fault bit 5, not published"
+    assert alarm.text.zh == "风机报告故障：bit 4 故障；bit 5 故障"
+
+
 def test_a_drive_without_reply_does_not_clear_its_fault() -> None:
     alarms = engine()
     lost = view(presence="offline", state="unknown")

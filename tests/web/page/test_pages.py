@@ -371,6 +371,22 @@ def test_records_of_one_action_are_joined_by_the_number_of_the_request(visit: An
     assert numbers == [[9, None], [8, 6], [7, 4], [5, None], [3, None]]
 
 
+def test_a_label_of_several_faults_is_not_repeated_before_texts_that_have_each_of_them(visit: Any) -> None:
+    """A VC660 with two fault bits: "bit 4 + bit 5" stood before "fault bit 4 …; fault bit 5 …"."""
+    found = visit("#/fleet").evaluate(
+        """async () => {
+          const { namesFault, namesLabel } = await import("/static/js/drive/faults.js");
+          const words = "fault bit 4, not published; fault bit 5, not published";
+          const fault = (label) => ({ label, text: { en: words, zh: words } });
+          return [namesLabel(fault("bit 4 + bit 5")), namesLabel(fault("bit 4 + bit 6")), namesLabel(fault("")),
+            namesFault(`Fan reports a fault: ${words.slice(6)}`, fault("bit 4 + bit 5")),
+            namesFault("Fan reports a fault: bit 4, not published", fault("bit 4 + bit 5")),
+            namesFault(words, fault(null))];
+        }"""
+    )
+    assert found == [True, False, True, True, False, True]
+
+
 def test_the_chain_is_checked_from_the_page(visit: Any, expect: Any) -> None:
     page = visit("#/audit")
     page.click("[data-audit=verify]")

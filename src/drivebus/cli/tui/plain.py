@@ -58,8 +58,8 @@ def drive_text(row: DriveRow, now: float) -> str:
     """Format one drive as a line of text."""
     values = "  ".join(f"{output.text(f'live.drive.{name}')} {row.cell(name):>6}" for name in COLUMN_SIGNALS)
     head = f"  {pad(row.name_text(), 13)} {pad(row.state_text(), 13)} {pad(row.direction_text(), 5)}"
-    fault = f"  {row.fault_label} {row.fault_text}" if row.fault_label else ""
-    return f"{head} {values}  {output.text('live.drive.age')} {row.age_text(now)}{fault}"
+    line = f"{head} {values}  {output.text('live.drive.age')} {row.age_text(now)}  {row.fault_cell()}"
+    return line.rstrip()
 
 
 def bus_text(row: BusRow) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from drivebus.cli import output
-from drivebus.cli.formatting import reading_json, round_or_none
+from drivebus.cli.formatting import join_fault, reading_json, round_or_none
 from drivebus.values import Quality, Reading
 
 COLUMN_SIGNALS = ("set_frequency", "output_frequency", "output_current", "output_voltage", "dc_bus_voltage")
@@ -66,6 +66,9 @@ class DriveRow:
     def direction_text(self) -> str:
         return output.text(f"live.direction.{self.direction}") if self.direction else ""
 
+    def fault_cell(self) -> str:
+        return join_fault(self.fault_label, self.fault_text)
+
     def age_s(self, now: float) -> float | None:
         """Return the age of the oldest value shown."""
         return None if self.oldest_value_at is None else max(0.0, now - self.oldest_value_at)
@@ -84,7 +87,7 @@ class DriveRow:
             "presence": self.presence,
             "state": self.state,
             "direction": self.direction,
-            "fault": {"label": self.fault_label, "text": self.fault_text} if self.fault_label else None,
+            "fault": {"label": self.fault_label, "text": self.fault_text} if self.fault_cell() else None,
             "readings": {name: reading_json(reading, now) for name, reading in self.readings.items()},
             "commanded_hz": self.commanded_hz,
             "age_s": round_or_none(self.age_s(now)),

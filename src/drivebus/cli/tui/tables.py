@@ -66,9 +66,8 @@ def drive_cells(row: DriveRow, now: float, columns: Mapping[str, int]) -> list[T
     age = row.age_s(now)
     fresh = row.presence == "online" and age is not None and age <= STALE_AGE_S
     style = "" if fresh else "dim"
-    fault = (
-        f"{row.fault_label} {row.fault_text}".strip() if columns["fault"] >= FAULT_TEXT_MIN_CELLS else row.fault_label
-    )
+    fits_text = columns["fault"] >= FAULT_TEXT_MIN_CELLS or not row.fault_label
+    fault = row.fault_cell() if fits_text else row.fault_label
     shown = {
         "name": (row.name_text(), "bold"),
         "state": (row.state_text(), _STATE_STYLE.get(row.state, "") if row.presence == "online" else "yellow"),

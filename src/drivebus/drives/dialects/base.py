@@ -17,7 +17,7 @@ from drivebus.drives.dialects.setpoint_share import check_setpoint_share, setpoi
 from drivebus.drives.dialects.setpoint_speed import check_pole_pairs
 from drivebus.drives.dialects.setpoint_step import check_setpoint_step
 from drivebus.drives.readings import ReadingPairs, Readings
-from drivebus.drives.state import DerivedState, Direction, Fault
+from drivebus.drives.state import FAULT_LABEL_SEPARATOR, DerivedState, Direction, Fault
 from drivebus.errors import CapabilityError, LimitError, ProtocolError
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.profiles.model import DriveProfile, Parameter, Signal
@@ -387,7 +387,7 @@ def reported_fault(profile: DriveProfile, derived: DerivedState) -> Fault | None
     faults = [_fault_from_code(profile, code) for code in (derived.fault_code, *derived.further_fault_codes)]
     return Fault(
         code=faults[0].code,
-        label=" + ".join(fault.label for fault in faults if fault.label),  # reads alike in every language
+        label=FAULT_LABEL_SEPARATOR.join(fault.label for fault in faults if fault.label),
         text=_join_texts([fault.text for fault in faults]) or Text("", ""),
         cause=_join_texts([fault.cause for fault in faults if fault.cause]),
         remedy=_join_texts([fault.remedy for fault in faults if fault.remedy]),

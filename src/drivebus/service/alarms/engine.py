@@ -13,6 +13,7 @@ from typing import Any
 
 from drivebus import i18n
 from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
+from drivebus.drives.state import FAULT_LABEL_SEPARATOR, names_fault_label
 from drivebus.errors import NotFound
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.alarms.condition import AlarmCondition, Observation
@@ -178,11 +179,12 @@ def _fault_text(fault: Mapping[str, Any]) -> Text:
     label = str(fault.get("label") or ("" if code in (None, UNNAMED_FAULT_CODE) else code))
     text = fault.get("text") or {}
     meanings = {language: str(text.get(language) or "") for language in i18n.LANGUAGES}
-    word = re.compile(rf"(?:fault|故障)\s*(?={re.escape(label)})", re.IGNORECASE) if label else None
+    first = re.escape(label.partition(FAULT_LABEL_SEPARATOR)[0])
+    word = re.compile(rf"(?:fault|故障)\s*(?={first})", re.IGNORECASE) if label else None
 
     def per_language(language: str) -> str:
         meaning = meanings[language]
-        if label not in meaning:
+        if not names_fault_label(meaning, label):
             return f"{label} {meaning}".strip()
         found = word.match(meaning) if word else None
         return meaning[found.end() :] if found else meaning

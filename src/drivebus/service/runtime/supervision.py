@@ -13,7 +13,7 @@ from pathlib import Path
 
 from drivebus.bus.station import Presence
 from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
-from drivebus.drives.state import DriveState, DriveStatus
+from drivebus.drives.state import DriveState, DriveStatus, names_fault_label
 from drivebus.errors import ConfigurationError, DrivebusError
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.alarms import SystemAlarm
@@ -213,7 +213,7 @@ class SupervisionCycle:
                 runtime.reported_fault = None
         elif runtime.reported_fault != fault.code and not self._is_naming_awaited(runtime, fault.code):
             runtime.reported_fault = fault.code
-            key = "plant.drive_fault_says" if fault.label in fault.text.en else "plant.drive_fault"
+            key = "plant.drive_fault_says" if names_fault_label(fault.text.en, fault.label) else "plant.drive_fault"
             self._plant.publish_event("fault", runtime.id, key, label=fault.label, fault=fault.text)
 
     def _is_naming_awaited(self, runtime: DriveRuntime, code: int) -> bool:

@@ -1,6 +1,6 @@
 // Present fault of a drive with its cause, its remedy and its reset. Its place is reserved: a trip moves no button.
 import { html, useState } from "../lib.js";
-import { localized, t } from "../i18n.js";
+import { t } from "../i18n.js";
 import { hasOnlyClearedAlarms, openAlarms } from "../alarms/alarm-list.js";
 import { api, drivePath } from "../api.js";
 import { NO_VALUE } from "../format.js";
@@ -10,12 +10,12 @@ import { href } from "../router.js";
 import { may } from "../session.js";
 import { Button, Dialog, ErrorNote, OutcomeNote, useRequest } from "../ui.js";
 import { controlBlocker } from "./control.js";
-import { adviceOf, faultText } from "./faults.js";
+import { adviceOf, faultText, namesLabel } from "./faults.js";
 
 /** Title of the present fault; of a drive that reports a fault without a code, the word alone. */
 function FaultTitle({ fault }) {
   if (!fault) return t("drives.state_fault");
-  return html`${!localized(fault.text).includes(fault.label) && `${t("page.fault")} `}${faultText(fault)}`;
+  return html`${!namesLabel(fault) && `${t("page.fault")} `}${faultText(fault)}`;
 }
 
 function FaultDialog({ fault, note, incident, onClose }) {

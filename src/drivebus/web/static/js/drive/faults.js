@@ -7,17 +7,22 @@ import { SearchField } from "../search.js";
 import { ErrorNote, Table, useLoaded } from "../ui.js";
 
 const PAST_FAULT_COUNT = 50;
+const LABEL_SEPARATOR = " + "; // between the labels of several faults at once
+
+/** Whether the text of a fault has its label, or that of several faults each of theirs. */
+export const namesLabel = ({ label, text }) => label.split(LABEL_SEPARATOR).every((one) => localized(text).includes(one));
 
 /** Text of a fault, preceded by the keypad's label where the text does not contain it. */
 export function faultText({ label, text }) {
   const words = localized(text);
-  return words.includes(label) ? html`<b>${words}</b>` : html`<b>${label}</b> · ${words}`;
+  return namesLabel({ label, text }) ? html`<b>${words}</b>` : html`<b>${label}</b> · ${words}`;
 }
 
 /** Whether a sentence has a fault's label and its meaning, which the text of some models repeats behind the label. */
 export function namesFault(sentence, { label, text }) {
-  const meaning = label ? localized(text).split(label).pop().trim() : localized(text);
-  return sentence.includes(label ?? "") && sentence.includes(meaning);
+  const labels = label ? label.split(LABEL_SEPARATOR) : [];
+  const meaning = labels.length ? localized(text).split(labels.at(-1)).pop().trim() : localized(text);
+  return labels.every((one) => sentence.includes(one)) && sentence.includes(meaning);
 }
 
 /** Cause and remedy of a fault as `[name, text]`, where the model's manual has them. */
