@@ -248,7 +248,12 @@ def test_in_a_fault_a_monitor_reply_without_its_item_is_uncertain() -> None:
         (2, "drives.modbus_exception_2"),
         (3, "drives.modbus_exception_3"),
         (4, "drives.modbus_exception_4"),
-        (9, "drives.read_refused"),  # the manual has no words for it
+        (5, "drives.modbus_exception_5"),  # from here on no words of the manual, but the code to look up
+        (6, "drives.modbus_exception_6"),
+        (7, "drives.modbus_exception_7"),
+        (8, "drives.modbus_exception_8"),
+        (10, "drives.modbus_exception_10"),
+        (11, "drives.modbus_exception_11"),
         (None, "drives.read_refused"),  # a shortened rejection
     ],
 )

@@ -674,11 +674,11 @@ def test_the_current_of_dzb100_is_uncertain_until_the_query_coding_is_known(
     assert (reading.quality, reading.value) == (quality, value)
 
 
-@pytest.mark.parametrize("code", [1, 2, 3, 4, 5, 6])
+@pytest.mark.parametrize("code", [1, 2, 3, 4, 5, 6, 7, 8, 10, 11])
 def test_an_exception_has_the_words_of_the_manual(code: int) -> None:
     rejection = dialect_for("vc660").rejection(modbus.ExceptionReply(1, 6, code))
     assert rejection is not None and rejection.code == code
-    assert (rejection.key == "drives.modbus_refused") is (code > 4)
+    assert rejection.key == f"drives.modbus_exception_{code}" and rejection.explains_code
     words = {1: "无效命令码", 2: "无效数据地址", 3: "无效参数值", 4: "命令执行失败"}
     text = i18n.text(rejection.key, "zh", code=code)
     assert words.get(code, "异常码") in text and str(code) in text

@@ -50,7 +50,6 @@ from drivebus.profiles.model import CommandMap, DriveProfile, ModbusFeatures, Pa
 from drivebus.protocols.codec import Codec, Effect
 from drivebus.protocols.family import Locator
 from drivebus.protocols.modbus import (
-    EXCEPTION_NAMES,
     BitValues,
     Diagnostics,
     DiagnosticsReply,
@@ -327,8 +326,7 @@ class ModbusDialect(Dialect):
             return None
         if reply.code is None:
             return Rejection("drives.modbus_refused_short", None)
-        is_known = reply.code in EXCEPTION_NAMES
-        return Rejection(f"drives.modbus_exception_{reply.code}" if is_known else "drives.modbus_refused", reply.code)
+        return Rejection(f"drives.modbus_exception_{reply.code}", reply.code)
 
     def setpoint_frequency(self, word: int) -> float:
         return setpoint_scale(self.profile, self.options).value(word)
