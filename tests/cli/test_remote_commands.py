@@ -28,6 +28,7 @@ from drivebus.drives.state import DriveState
 from drivebus.errors import ConfigurationError, OutcomeUnknown
 from drivebus.service.api.errors import build_error_json
 from drivebus.service.api.operations import API_PREFIX
+from drivebus.service.auth.actor import SERVICE_NAME
 from drivebus.service.auth.rights import Role
 from drivebus.service.control import comm_loss_test
 from fixtures.child_process import ENVIRONMENT, lines_until, running_command
@@ -146,11 +147,14 @@ def test_ctrl_c_stops_the_drive_of_an_attached_run_and_releases_its_lease(plant:
     assert (state(plant), rest(plant, "/drives/fan-1")["lease"]) == (DriveState.STOPPED, None)
 
 
-@pytest.mark.parametrize("by", ["bob", None])
+@pytest.mark.parametrize("by", ["bob", SERVICE_NAME, None])
 def test_an_attached_run_tells_a_stop_through_the_service_from_one_at_the_drive(
     plant: RunningService, service: str, by: str | None
 ) -> None:
-    """Regression: a stop by another user was called one of the keypad, the terminals or another master."""
+    """Regression: a stop by another user was called one of the keypad, the terminals or another master.
+
+    One by the service itself, as of an interlock, was called one that ``drivebus`` requested.
+    """
 
     async def stop() -> None:
         if by is None:
@@ -165,7 +169,8 @@ def test_an_attached_run_tells_a_stop_through_the_service_from_one_at_the_drive(
         plant.run_in_loop(stop)
         shown = " ".join("".join(lines_until(process, lambda line: "no longer runs" in line)[-1:]).split())
         assert process.wait(20) == ExitCode.FAILED
-    expected = i18n.text("run.off_by_itself") if by is None else i18n.text("run.stopped_by", actor=by)
+    keys = {None: "run.off_by_itself", SERVICE_NAME: "run.stopped_automatically"}
+    expected = i18n.text(keys.get(by, "run.stopped_by"), actor=by)
     assert shown.endswith(expected)
 
 

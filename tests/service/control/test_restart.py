@@ -145,6 +145,7 @@ def test_an_interlock_stops_a_running_drive_and_blocks_its_start() -> None:
             await asyncio.sleep(6)
             assert kit.station("pump-1").motor.phase is OutputPhase.OFF
             assert "drive.stop" in [entry.what for entry in kit.trail.entries if entry.who == "drivebus"]
+            assert (await kit.call("drives.get", drive="pump-1"))["last_stop"]["kind"] == "automatic"
 
     run(scenario())
 

@@ -121,6 +121,7 @@ def test_the_last_stop_has_its_kind_and_its_user(draw: Draw, fan: Any) -> None:
         "jog": "page.last_stop_jog",
         "service": "page.last_stop_service",
         "test": "page.last_stop_test",
+        "automatic": "page.last_stop_automatic",
     }
     for kind in (None, *keys):
         last = kind and {"kind": kind, "actor": "ann", "time_ms": 1}

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from drivebus.drives.dialects.base import Dialect
     from drivebus.drives.state import Direction, DriveStatus
     from drivebus.profiles import DriveProfile
+    from drivebus.types import Json
 
 STATUS_PERIOD_S = 0.5  # between two status reads, a few frames each
 OUTPUT_OFF_COUNT = 2  # status reads that must agree before "stopped by itself" is reported
@@ -148,8 +149,9 @@ async def _watch(bus: Bus, drive: Drive, shutdown: ShutdownSignal, watch: RunWat
             _end_line()
             if status.fault is not None:
                 output.print_message("run.fault", fault=fault_text(status.fault))
-            elif stopped_by := _stopped_by(drive):
-                output.print_message("run.stopped_by", actor=stopped_by)
+            elif last_stop := _last_stop(drive):
+                key = "run.stopped_automatically" if last_stop["kind"] == "automatic" else "run.stopped_by"
+                output.print_message(key, actor=last_stop["actor"])
             else:
                 output.print_message("run.off_by_itself")
             return ExitCode.FAILED
@@ -164,9 +166,9 @@ def _is_remote(drive: Drive) -> TypeGuard[RemoteDrive]:
     return isinstance(drive, RemoteDrive)
 
 
-def _stopped_by(drive: Drive) -> str | None:
-    """Return the user who requested a stop through the service after the start; None also without a service."""
-    return drive.stopped_by if _is_remote(drive) else None
+def _last_stop(drive: Drive) -> Json | None:
+    """Return the stop that was requested through the service after the start; None also without a service."""
+    return drive.last_stop if _is_remote(drive) else None
 
 
 def _print_status(bus: Bus, status: DriveStatus, profile: DriveProfile) -> None:

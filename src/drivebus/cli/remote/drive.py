@@ -74,8 +74,8 @@ class RemoteDrive:
         self._renewal: asyncio.Task[None] | None = None
         self._had_control_before = self._assume_model = False
         self._started_at: float | None = None
-        self.stopped_by: str | None = None
-        """User who requested a stop after the last start, as of the newest status; None: no stop was requested."""
+        self.last_stop: Json | None = None
+        """Stop that was requested after the last start, as of the newest status; None: no stop was requested."""
 
     async def call(self, operation: Operation, **params: Any) -> Json:
         """Execute an operation on this drive."""
@@ -93,7 +93,7 @@ class RemoteDrive:
             await asyncio.sleep(STATE_POLL_PERIOD_S)
             now = RemoteBus.now()
             view = await self.call(DRIVES_GET)
-        self.stopped_by = view["last_stop"] and view["last_stop"]["actor"]
+        self.last_stop = view["last_stop"]
         return parse_status(view, now)
 
     def _state_is_older_than_start(self, view: Json, now: float) -> bool:

@@ -37,12 +37,13 @@ from drivebus.service.api.operations.drives import (
     StopParams,
     WaiverParams,
 )
-from drivebus.service.auth.actor import Actor
+from drivebus.service.auth.actor import SERVICE_NAME, Actor
 from drivebus.service.config.model import GroupConfig
 from drivebus.service.control.leases import ARM_TTL_S, arm_target_of_test
 from drivebus.service.control.start_blockers import check_start, check_test_start
 from drivebus.service.control.tickets import CommandTicket
 from drivebus.service.control.waivers import CommLossWaiver
+from drivebus.service.live.views import StopKind
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant, narrow_limits
 from drivebus.types import Json
@@ -173,7 +174,8 @@ class DriveCommands:
     async def stop(self, params: StopParams, actor: Actor) -> Json:
         """Stop a drive: without lease, arming or audit record, and queued before anything is awaited."""
         runtime = self.plant.drive_runtime(params.drive)
-        self.plant.note_stop(runtime, by=actor.name, kind="drive")
+        kind: StopKind = "automatic" if actor.name == SERVICE_NAME else "drive"
+        self.plant.note_stop(runtime, by=actor.name, kind=kind)
         if params.assume_model:
             runtime.drive.assume_model()
         stops = {"stop": runtime.drive.stop, "coast": runtime.drive.coast, "quick_stop": runtime.drive.quick_stop}

@@ -109,8 +109,9 @@ class CommLossView:
         }
 
 
-StopKind = Literal["drive", "group", "all", "jog", "test", "service"]
-"""Kind of a stop: of one drive, its group, everything, a jog, a communication-loss test, the service's own end."""
+StopKind = Literal["drive", "group", "all", "jog", "test", "automatic", "service"]
+"""Kind of a stop: of one drive, its group, everything, a jog, a communication-loss test, by the service itself
+(interlock, ``on_client_lost``, ``on_restart``), the service's own end."""
 
 
 @dataclass(frozen=True, slots=True)
