@@ -265,12 +265,15 @@ def test_an_alarm_can_be_unshelved_early() -> None:
         alarms.shelve("a7", 1, 0.0, 0, by="anna", reason="repaired")
 
 
+NO_WATER = Text("Water is there", "有水")
+
+
 def test_a_system_alarm_is_raised_once_and_cleared_by_the_service() -> None:
     alarms = engine()
-    (change,) = alarms.raise_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 5, subject="no-water")
+    (change,) = alarms.raise_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 5, subject="no-water", interlock=NO_WATER)
     assert (change.alarm.setting, change.alarm.priority) == ("interlock_trip", AlarmPriority.CRITICAL)
     assert change.alarm.text == Text(
-        "Fan: interlock no-water does not hold; a stop is requested", "风机：联锁 no-water 不成立；正在请求停机"
+        'Fan: interlock "Water is there" does not hold; a stop is requested', "风机：联锁“有水”不成立；正在请求停机"
     )
     assert alarms.raise_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 6, subject="no-water") == []
     assert words(alarms.raise_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 6, subject="door")) == [

@@ -22,6 +22,7 @@ from drivebus.service.control.policies import may_be_running
 from drivebus.simulator.motor import OutputPhase
 from drivebus.simulator.port import find_simulated_bus, simulated_bus_of
 from drivebus.testing.virtual_time import run
+from drivebus.values import Text
 from fixtures.service import BUSES, DRIVES, ServiceKit, plant_config, running_service
 
 SHARED_BUSES = tuple(BusConfig(bus.id, f"{bus.port}&name=shared-{bus.id}") for bus in BUSES)
@@ -152,12 +153,17 @@ def test_an_interlock_stops_a_running_drive_and_blocks_its_start() -> None:
 
 def trip_announcements(kit: ServiceKit) -> list[str]:
     events = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
-    return [text for text in events if "interlock fan-first" in text and "stop request" in text]
+    return [text for text in events if "Fan 1 first" in text and "stop request" in text]
 
 
 def test_a_trip_is_announced_once_while_the_port_is_lost_and_again_for_a_drive_that_is_started_at_its_keypad() -> None:
     async def scenario() -> None:
-        interlock = InterlockConfig(id="fan-first", drives=("fan-2",), require="fan-1.state == running")
+        interlock = InterlockConfig(
+            id="fan-first",
+            title=Text("Fan 1 first", "先开风机 1"),
+            drives=("fan-2",),
+            require="fan-1.state == running",
+        )
         async with running_service(plant_config(interlocks=(interlock,))) as kit:
             await asyncio.sleep(15)
             await kit.grant_waivers()
@@ -172,9 +178,9 @@ def test_a_trip_is_announced_once_while_the_port_is_lost_and_again_for_a_drive_t
                 with pytest.raises(StopUnconfirmed):
                     await kit.call("drive.stop", drive="fan-2")
                 await asyncio.sleep(2)
-            assert trip_announcements(kit) == ["stop requested by interlock fan-first"]
+            assert trip_announcements(kit) == ['stop requested by interlock "Fan 1 first"']
             alarms = [alarm.text.en for alarm in kit.service.plant.alarms.active()]
-            assert "Fan 2: interlock fan-first does not hold; a stop is requested" in alarms
+            assert 'Fan 2: interlock "Fan 1 first" does not hold; a stop is requested' in alarms
             by_service = [entry for entry in kit.trail.entries if (entry.what, entry.who) == ("drive.stop", "drivebus")]
             assert len(by_service) == 1
             kit.station("fan-1").keypad_stop()
@@ -184,7 +190,7 @@ def test_a_trip_is_announced_once_while_the_port_is_lost_and_again_for_a_drive_t
             kit.station("fan-2").keypad_run(15.0)
             await asyncio.sleep(10)
             assert kit.station("fan-2").motor.phase is OutputPhase.OFF
-            assert trip_announcements(kit) == ["stop requested by interlock fan-first"] * 2
+            assert trip_announcements(kit) == ['stop requested by interlock "Fan 1 first"'] * 2
 
     run(scenario())
 

@@ -12,11 +12,12 @@ from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.operations.drives import DRIVE_STOP
 from drivebus.service.auth.actor import Actor
-from drivebus.service.config.model import OnClientLost, OnRestart
+from drivebus.service.config.model import OnClientLost, OnRestart, title_of
 from drivebus.service.control.leases import ControlLease
 from drivebus.service.live.views import DriveView
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
+from drivebus.values import Text
 
 STANDSTILL_CONFIRM_S = 3.0  # after a start command; a drive that still reports standstill then has not started
 OperationCall = Callable[[str, dict[str, Any], Actor], Awaitable[dict[str, Any]]]
@@ -98,25 +99,28 @@ class StopPolicies:
             if not tripped or not may_be_running(runtime):
                 self._announced_trips.pop(runtime.id, None)
             elif not runtime.drive.stopping and runtime.id not in self._stopping:
-                self._announce_trips(runtime, [interlock.id for interlock in tripped])
+                self._announce_trips(runtime, {interlock.id: title_of(interlock) for interlock in tripped})
                 self._start_stop(runtime)
 
-    def _announce_trips(self, runtime: DriveRuntime, interlocks: list[str]) -> None:
-        """Raise the alarm of each tripped interlock and publish the stop request, unless that is done already."""
+    def _announce_trips(self, runtime: DriveRuntime, interlocks: Mapping[str, Text]) -> None:
+        """Raise the alarm of each tripped interlock, and publish the stop request, unless that is done already.
+
+        ``interlocks``: their titles by id.
+        """
         announced = self._announced_trips.setdefault(runtime.id, set())
         new = [id for id in interlocks if id not in announced]
         announced.update(new)
         for id in new:
-            self.plant.raise_alarm(SystemAlarm.INTERLOCK_TRIP, runtime.id, subject=id)
+            self.plant.raise_alarm(SystemAlarm.INTERLOCK_TRIP, runtime.id, subject=id, interlock=interlocks[id])
         if new:
-            self._publish_stop(runtime, "plant.stopped_interlock", interlock=new[0])
+            self._publish_stop(runtime, "plant.stopped_interlock", interlock=interlocks[new[0]])
 
     def stop_drive(self, runtime: DriveRuntime, key: str, **params: str) -> None:
         """Stop a drive in the name of the service."""
         self._publish_stop(runtime, key, **params)
         self._start_stop(runtime)
 
-    def _publish_stop(self, runtime: DriveRuntime, key: str, **params: str) -> None:
+    def _publish_stop(self, runtime: DriveRuntime, key: str, **params: Any) -> None:
         self.plant.publish_event("stop", runtime.id, key, actor=self.service_actor.name, **params)
 
     def _start_stop(self, runtime: DriveRuntime) -> None:
