@@ -16,7 +16,9 @@ from click.testing import CliRunner, Result
 from drivebus import i18n
 from drivebus.cli import errors, extras, output
 from drivebus.cli.main import cli
-from drivebus.errors import DrivebusError
+from drivebus.drives.permissives import CommandKind
+from drivebus.drives.state import DriveState
+from drivebus.errors import DrivebusError, StartInhibited
 from drivebus.service.auth.errors import AccessDenied
 from drivebus.service.auth.rights import Right
 from fixtures.service import SHOP_FILE
@@ -328,6 +330,14 @@ def test_errors_with_the_same_remedy_share_its_text(alike: str) -> None:
     hint = errors.error_hint(DrivebusError(alike))
     assert hint is not None and hint == errors.error_hint(DrivebusError(errors._SHARED_HINTS[alike]))
     assert not i18n.known(f"hint.{alike}"), "it would never be shown"
+
+
+@pytest.mark.parametrize(("state", "is_named"), [(DriveState.FAULT, True), (DriveState.PAUSED, False)])
+def test_a_command_that_a_fault_forbids_names_the_commands_that_show_and_reset_it(
+    state: DriveState, is_named: bool
+) -> None:
+    hint = errors.error_hint(StartInhibited("drives.state_forbids", state=state, kind=CommandKind.START))
+    assert hint == (i18n.text("hint.drives.state_forbids_fault", output.language()) if is_named else None)
 
 
 @pytest.mark.parametrize("more", ["--address 1", "--option setpoint_step=0.01 --option setpoint_step=0.01"])

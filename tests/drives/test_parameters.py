@@ -720,6 +720,16 @@ def test_a_drive_without_a_reply_passes_no_preflight() -> None:
     assert caught.value.key == "drives.preflight_unread"
 
 
+def test_the_reason_of_an_unread_precondition_has_the_language_of_its_sentence() -> None:
+    """The Chinese sentence had an English reason."""
+    bench = ParameterBench("c320", FakeC320(silent=True))
+    with pytest.raises(PreflightError) as caught:
+        bench.bus.run(read_preflight(OperationContext(bench.memory)))
+    reason = caught.value.__cause__
+    assert isinstance(reason, DrivebusError)
+    assert all(reason.text(language) in caught.value.text(language) for language in ("en", "zh"))
+
+
 # --- the store ----------------------------------------------------------------------------------------------------
 
 

@@ -125,8 +125,16 @@ def test_a_start_whose_reply_was_lost_is_not_sent_twice() -> None:
     assert len(bus.sent(sunfar.SunfarControl)) == 1
 
 
-def test_a_stop_at_the_keypad_is_never_undone() -> None:
-    """Running was seen once after the unanswered start; then a person stops the drive: no resend."""
+@pytest.mark.parametrize(
+    ("then", "key"),
+    [
+        (sunfar.SunfarState.STOPPED, "drives.started_and_stopped"),
+        (sunfar.SunfarState.FAULT, "drives.started_and_tripped"),
+        (sunfar.SunfarState.NOT_READY, "drives.started_and_tripped"),
+    ],
+)
+def test_a_stop_at_the_keypad_is_never_undone_and_a_trip_is_not_called_one(then: sunfar.SunfarState, key: str) -> None:
+    """Running was seen once after the unanswered start; then a person stops the drive, or it trips: no resend."""
     reads = []
 
     def reply_lost(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
@@ -138,12 +146,12 @@ def test_a_stop_at_the_keypad_is_never_undone() -> None:
     def person(ask: Any) -> None:
         if isinstance(ask.request, sunfar.ReadMonitor) and fake.state == sunfar.SunfarState.RUNNING_FORWARD:
             reads.append(ask)
-            fake.state = sunfar.SunfarState.STOPPED
+            fake.state, fake.fault_code = then, 7 if then is sunfar.SunfarState.FAULT else fake.fault_code
 
     bus.on_request = person
     outcome = start(bus, op)
     assert reads
-    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.started_and_stopped")
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, key)
     assert len(bus.sent(sunfar.SunfarControl)) == 1
 
 
@@ -204,6 +212,8 @@ def test_a_drive_that_trips_on_the_start_did_not_start() -> None:
     bus, op = c320(FakeC320(on_command=trips))
     outcome = start(bus, op)
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.start_failed")
+    [(key, params)] = outcome.notes
+    assert (key, params["fault"].en) == ("drives.fault_named", "fault Fu.7: see the fault table of the C320 manual")
     assert (
         outcome.drive_status is not None
         and outcome.drive_status.fault is not None

@@ -39,8 +39,12 @@ _MISSING_COMMAND = "Missing command."
 """Message of click for a group without a command; it has no class of its own either."""
 
 
-_HINTS_OF_COMMANDS = {"coast": "hint.drives.cannot_coast", "quick_stop": "hint.drives.cannot_quick_stop"}
-"""Hints of ``drives.cannot`` for the commands that another one replaces."""
+_HINTS_OF_VALUES = {
+    ("drives.cannot", "coast"): "hint.drives.cannot_coast",
+    ("drives.cannot", "quick_stop"): "hint.drives.cannot_quick_stop",
+    ("drives.state_forbids", "fault"): "hint.drives.state_forbids_fault",
+}
+"""Hints of an error with this value of a parameter."""
 _SHARED_HINTS = {
     "drives.confirm_inputs": "drives.confirm_address",
     "drives.confirm_serial": "drives.confirm_address",
@@ -121,7 +125,7 @@ def error_hint(error: DrivebusError) -> str | None:
     """Return the remedy at the command line, ``hint.<key>`` of the error or its cause; None without one."""
     cause = error.__cause__
     for one in (error, cause) if isinstance(cause, DrivebusError) else (error,):
-        own = _HINTS_OF_COMMANDS.get(str(one.params.get("what"))) if one.key == "drives.cannot" else None
+        own = next(filter(None, (_HINTS_OF_VALUES.get((one.key, str(value))) for value in one.params.values())), None)
         if i18n.known(key := own or f"hint.{_SHARED_HINTS.get(one.key, one.key)}"):
             return output.text(key, **one.params)
     return None

@@ -108,14 +108,7 @@ def status_text(status: DriveStatus, now: float, profile: DriveProfile, identity
 
 def fault_text(fault: Fault) -> str:
     """Format the label of the keypad and the text of a fault."""
-    return join_fault(fault.label, output.to_json_value(fault.text))
-
-
-def join_fault(label: str, text: str) -> str:
-    """Join the label and the text of a fault, each of which may be empty; a text that names its label stands alone."""
-    from drivebus.drives.state import names_fault_label
-
-    return text if names_fault_label(text, label) else f"{label} {text}".strip()
+    return str(output.to_json_value(fault.name))
 
 
 def identity_text(identity: Identity) -> str:

@@ -76,6 +76,11 @@ def names_fault_label(text: str, label: str) -> bool:
     return all(part in text for part in label.split(FAULT_LABEL_SEPARATOR))
 
 
+def join_fault(label: str, text: str) -> str:
+    """Join the label and the text of a fault, each of which may be empty; a text that names its label stands alone."""
+    return text if names_fault_label(text, label) else f"{label} {text}".strip()
+
+
 @dataclass(frozen=True, slots=True)
 class Fault:
     """Fault that the drive reports: its code, the keypad's label, and the maker's text where published."""
@@ -85,6 +90,12 @@ class Fault:
     text: Text
     cause: Text | None = None
     remedy: Text | None = None
+
+    @property
+    def name(self) -> Text:
+        """Label and text of the fault; a text that has the label stands alone."""
+        texts = self.text.by_language()
+        return Text.from_mapping({language: join_fault(self.label, text) for language, text in texts.items()})
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from drivebus.cli import output
-from drivebus.cli.formatting import join_fault, reading_json, round_or_none
+from drivebus.cli.formatting import reading_json, round_or_none
+from drivebus.drives.state import join_fault
 from drivebus.values import Quality, Reading
 
 COLUMN_SIGNALS = ("set_frequency", "output_frequency", "output_current", "output_voltage", "dc_bus_voltage")

@@ -379,14 +379,17 @@ class OperationContext:
         )
 
     def outcome(self, status: OutcomeStatus, key: str, /, **params: Any) -> Outcome:
-        """Return an outcome with the frames so far and the drive status."""
-        return Outcome(
+        """Return an outcome with the frames so far and the drive status; a note names the fault that it reports."""
+        drive_status = self.drive_status()
+        outcome = Outcome(
             status=status,
             key=key,
             params=params,
             exchanges=self._exchanges.in_order(),
-            drive_status=self.drive_status(),
+            drive_status=drive_status,
         )
+        fault = drive_status.fault
+        return outcome if fault is None else with_note(outcome, "drives.fault_named", fault=fault.name)
 
     def rejected_outcome(self, result: BusResult, **params: Any) -> Outcome | None:
         """Return the drive's rejection as an outcome, None where it did not reject.

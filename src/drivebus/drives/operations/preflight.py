@@ -91,7 +91,7 @@ def read_parameter_reply(op: OperationContext, parameter: Parameter) -> DriveOpe
         if result.error is None:
             return result.reply
         error = result.error if isinstance(result.error, DrivebusError) else None
-    problem = error.text() if error is not None else ""
+    problem = Text.per_language(error.text) if error is not None else ""
     raise PreflightError(
         "drives.preflight_unread", station=op.dialect.address, notation=parameter.notation, problem=problem
     ) from error

@@ -280,7 +280,9 @@ def confirm_start(
             again = yield from resend_frames(op, command, frames)
             answered, sent_again = bool(again), MAX_RESENDS if again is None else sent_again + 1
         elif op.motion_seen and state.output_off:
-            return op.outcome(OutcomeStatus.FAILED, "drives.started_and_stopped", state=state)
+            has_tripped = state in (DriveState.FAULT, DriveState.NOT_READY)
+            key = "drives.started_and_tripped" if has_tripped else "drives.started_and_stopped"
+            return op.outcome(OutcomeStatus.FAILED, key, state=state)
         elif now > deadline:
             return _unconfirmed_outcome(op, state, error is not None)
 

@@ -80,7 +80,7 @@ function States({ found }) {
     [t("page.state"), (one) => t(`drives.state_${one.state}`)],
     [t("page.presence"), (one) => t(`page.presence_${one.presence}`)],
     [t("page.commanded_column"), (one) => quantity(one.commanded_hz, "Hz"), "right"],
-    [t("page.fault"), (one) => (one.fault ? one.fault.label ?? one.fault.code : NO_VALUE)],
+    [t("page.fault"), (one) => (one.fault ? one.fault.label || localized(one.fault.text) : NO_VALUE)],
   ];
   return html`<${Table} caption=${t("page.incident_states")} columns=${columns} rows=${found.states ?? []}
     keyOf=${(one) => one.t} />`;
