@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -419,7 +420,7 @@ def test_a_probe_waits_for_the_slowest_model_searched_for() -> None:
     assert both.station_config(dialect).timing.reply_delay_s == profiles.load("df800").timing.reply_delay_s
 
 
-def scan_device(reply: Any, **options: Any) -> tuple[list[DetectedDrive], int]:
+def scan_device(reply: Any, after_s: float = 0.01, **options: Any) -> tuple[list[DetectedDrive], int]:
     """Scan address 2 at 9600 8N1 without options; ``reply`` makes the device's bytes of a request to it.
 
     Return what was found, and the number of requests.
@@ -428,7 +429,7 @@ def scan_device(reply: Any, **options: Any) -> tuple[list[DetectedDrive], int]:
     passes = scan_plan.plan_scan(*options.pop("models"), **options, addresses=(2,), encodings=("rtu",), fixed=settings)
 
     def wire(frame: bytes, ended_at: float) -> list[tuple[float, bytes]]:
-        return [(ended_at + 0.01, reply(frame))]
+        return [(ended_at + after_s, reply(frame))]
 
     port = ScriptedPort(wire, settings)
     found = virtual_time.run(scan.scan(passes, lambda line: port, ScanProgress(total_s=1.0)))
@@ -549,6 +550,41 @@ def test_a_reply_from_another_address_is_reported_and_not_taken_for_silence(
     monkeypatch.setattr(output, "language", lambda: language)
     print_scan("x", ScanProgress(total_s=1.0, found=[found]), None, ExitCode.FAILED)
     assert "".join(note.split()) in "".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize(
+    ("damage", "key"),
+    [
+        (lambda reply: b"\x00" + reply, "bus.stray_before"),
+        (lambda reply: reply + b"\x00", "bus.trailing"),
+        (lambda reply: reply + reply, "bus.second_reply"),
+        (lambda reply: reply[:-1], None),
+        (lambda reply: b"\x55\xaa\x00", None),
+    ],
+)
+def test_a_scan_names_a_whole_reply_that_is_not_accepted_with_its_remedy_and_no_noise(
+    damage: Callable[[bytes], bytes],
+    key: str | None,
+    language: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """`scan` reported noise where `status` named the stray byte."""
+
+    def stopped(frame: bytes) -> bytes:
+        head = bytes([2, 3, 2, 0, 1])
+        return damage(head + crc16(head).to_bytes(2, "little"))
+
+    monkeypatch.setattr(output, "language", lambda: language)
+    (found,), _ = scan_device(stopped, after_s=0.02, models=([profiles.load("vc660")],))
+    assert (found.valid_reply, found.models, getattr(found.unusable_reply, "key", None)) == (False, (), key)
+    print_scan("x", ScanProgress(total_s=1.0, found=[found]), None, ExitCode.FAILED)
+    shown = "".join(capsys.readouterr().out.split())
+    named = [] if found.unusable_reply is None else [found.unusable_reply.text(language), output.text(f"hint.{key}")]
+    for text in named or [output.text("scan.no_valid_reply")]:
+        assert "".join(text.split()) in shown
+    assert ("".join(output.text("scan.no_valid_reply").split()) in shown) is (key is None)
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])

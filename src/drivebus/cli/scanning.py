@@ -12,7 +12,7 @@ import click
 
 from drivebus.cli import options, output
 from drivebus.cli.click_ext import Option
-from drivebus.cli.errors import ExitCode
+from drivebus.cli.errors import ExitCode, error_hint, error_text
 from drivebus.cli.output import ProgressBar, format_duration
 from drivebus.types import Json
 from drivebus.values import format_addresses
@@ -242,6 +242,9 @@ def print_scan(port: str, progress: ScanProgress, sniffed: SniffResult | None, c
     )
     if progress.found or progress.done_s > 0:
         output.print_text(_scan_table(progress.found))
+    hints = (error_hint(drive.unusable_reply) for drive in progress.found if drive.unusable_reply is not None)
+    for hint in dict.fromkeys(filter(None, hints)):
+        output.print_text(output.wrap_for(hint, sys.stdout))
     _note_unsent(progress)
     return code
 
@@ -265,6 +268,7 @@ def device_json(drive: DetectedDrive) -> Json:
         "replied_address": drive.replied_address,
         "replied_late": drive.replied_late,
         "fits_partly": drive.fits_partly,
+        "unusable_reply": None if drive.unusable_reply is None else error_text(drive.unusable_reply),
         "setpoint_steps_hz": dict(drive.setpoint_steps_hz),
         "sent": drive.exchange[0],
         "received": drive.exchange[1],
@@ -314,18 +318,24 @@ def _scan_table(found: list[DetectedDrive], stream: Any = None) -> str:
 
 
 def _unreadable_rows(found: list[DetectedDrive]) -> list[list[str]]:
-    """Return the rows of addresses that sent bytes without a valid reply: one for all that were tried alike."""
+    """Return the rows of addresses that sent bytes without a valid reply: one for all that were tried alike.
+
+    An address that sent whole replies has only the settings with which they were received.
+    """
     tried: dict[int, list[DetectedDrive]] = {}
     for drive in found:
         tried.setdefault(drive.address, []).append(drive)
-    addresses: dict[tuple[str, str], list[int]] = {}
+    addresses: dict[tuple[str, str, str], list[int]] = {}
     for address, drives in sorted(tried.items()):
-        encodings = output.join(dict.fromkeys(drive.encoding for drive in drives), "items")
-        settings = output.join(_formats_by_baud(drive.settings for drive in drives), "items")
-        addresses.setdefault((encodings, settings), []).append(address)
+        named = [drive for drive in drives if drive.unusable_reply is not None]
+        encodings = output.join(dict.fromkeys(drive.encoding for drive in named or drives), "items")
+        settings = output.join(_formats_by_baud(drive.settings for drive in named or drives), "items")
+        errors = [error_text(drive.unusable_reply) for drive in named if drive.unusable_reply is not None]
+        note = errors[0] if errors else output.text("scan.no_valid_reply")
+        addresses.setdefault((encodings, settings, note), []).append(address)
     return [
-        [format_addresses(alike), output.text("scan.unknown"), *tried_with, output.text("scan.no_valid_reply")]
-        for tried_with, alike in addresses.items()
+        [format_addresses(alike), output.text("scan.unknown"), encodings, settings, note]
+        for (encodings, settings, note), alike in addresses.items()
     ]
 
 

@@ -16,12 +16,14 @@ from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, Statio
 from drivebus.commissioning.scan_plan import ScanCandidate, ScanPass, further_reads, probe_frame, probe_request
 from drivebus.drives.dialects.base import Dialect
 from drivebus.drives.dialects.create import create_dialect
-from drivebus.errors import AddressError, PortError, PortLost
+from drivebus.errors import AddressError, DrivebusError, PortError, PortLost
 from drivebus.ports import Port
 from drivebus.serial_settings import SerialSettings
 
 SNIFF_SAMPLE_BYTES = 64
 """Bytes of foreign traffic that are shown."""
+ERRORS_OF_WHOLE_REPLIES = {"bus.stray_before", "bus.trailing", "bus.second_reply", "protocols.sunfar.state"}
+"""Errors of a reply that is complete and of the station that was asked, and still not accepted."""
 MAX_UNREADABLE_REPLIES = 4
 """Maps that an address is asked for in vain: after as many damaged replies and no valid frame, the others are left."""
 NOISE_ALLOWANCE_S = 5.0
@@ -60,6 +62,8 @@ class DetectedDrive:
     """``replied_address`` was asked before in the same pass, so that the frame may be its late reply."""
     fits_partly: bool = False
     """The status register answers, but not with a state of these models, or not their other registers."""
+    unusable_reply: DrivebusError | None = None
+    """Error that names a whole reply which is not accepted, as one with stray bytes; None for other bytes."""
 
     @property
     def unreadable(self) -> bool:
@@ -222,6 +226,8 @@ class _ProbedAddress:
     """First reply with what was asked for."""
     foreign: BusResult | None = None
     """First exchange that was answered from another address."""
+    unusable_reply: DrivebusError | None = None
+    """First error that names a whole reply."""
     damaged: set[tuple[bytes, int]] = field(default_factory=set)
     """Probes whose last reply is no valid frame."""
     repetitions_left: int = 0
@@ -247,6 +253,8 @@ class _ProbedAddress:
             self.replies[probe] = None if is_rejected else result.reply
             if result.received:
                 self.received = self.received or result
+                if isinstance(result.error, DrivebusError) and result.error.key in ERRORS_OF_WHOLE_REPLIES:
+                    self.unusable_reply = self.unusable_reply or result.error
                 if result.reply is None:
                     self.damaged.add(probe)
             elif getattr(result.error, "key", None) == "bus.other_station_replied":
@@ -327,6 +335,7 @@ async def _probe_address(probed: _ProbedAddress, address: int) -> DetectedDrive 
         exchange=(answer.sent, answer.received),
         valid_reply=answer is not probed.received or answer.reply is not None,
         fits_partly=bool(partly) and not fits,
+        unusable_reply=probed.unusable_reply,
     )
 
 
