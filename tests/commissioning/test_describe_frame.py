@@ -327,3 +327,17 @@ def test_a_fault_of_dzb100_has_its_text_and_signals_their_names_in_chinese() -> 
     assert labels.value_text("fault_text", found.fields["fault_text"], "zh") == "过电流"
     names = {name for model in MODELS for name in profiles.load(model).signals}
     assert all(i18n.known(f"signal.{name}") for name in names)
+
+
+def test_a_signal_that_only_its_profile_names_has_the_text_of_the_profile() -> None:
+    """In Chinese it had an English name and nothing else."""
+    profile = profiles.load("yl600")
+    signal = profile.signals["error_code"]
+    read = modbus.ModbusRtuCodec().encode_request(modbus.ReadRegisters(1, signal.locator[1], 1))
+    reply = modbus.ModbusRtuCodec().encode_reply(modbus.RegisterValues(1, 3, (5,)))
+    [row] = describe_frame(profile, reply, request=read).fields["values"]
+    assert (row["name"], row["meaning"]) == ("error_code", signal.text)
+    assert labels.value_text("meaning", row["meaning"], "zh") == signal.text.zh != "error_code"
+    request = modbus.ModbusRtuCodec().encode_request(modbus.ReadRegisters(1, 0x3001, 1))
+    [known] = describe_frame("vc660", reply, request=request).fields["values"]
+    assert known["name"] == "set_frequency" and "meaning" not in known

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
+from drivebus import i18n
 from drivebus.commissioning.decode.annotate import (
     FieldDict,
     annotate,
@@ -174,6 +175,8 @@ def _value_row(profile: DriveProfile, locator: Locator, values: Mapping[Locator,
     if entry is None:
         return row
     name = getattr(entry, "name", None)
+    if name and not i18n.known(f"signal.{name}"):  # a name of the profile's own has its text there only
+        row["meaning"] = entry.text
     number = span_value(span_of(entry), values, profile.modbus or ModbusFeatures())
     value = scaled_value(entry, number) if entry.unit and number is not None else None
     return row | ({"name": name} if name else {}) | ({} if value is None else {"value": value, "unit": entry.unit})
