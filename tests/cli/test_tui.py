@@ -21,6 +21,7 @@ from drivebus.cli.demo.plant import PtyDemoPlant
 from drivebus.cli.main import cli
 from drivebus.cli.output import table, width, wrap
 from drivebus.cli.tui.app import MonitorApp
+from drivebus.cli.tui.bus_rows import drive_row
 from drivebus.cli.tui.bus_source import BusRowSource
 from drivebus.cli.tui.capture_source import CapturePlayer
 from drivebus.cli.tui.plain import drive_text
@@ -29,7 +30,8 @@ from drivebus.cli.tui.tables import CellTable, bus_cells, bus_columns, drive_cel
 from drivebus.cli.tui.threaded import ThreadedRowSource
 from drivebus.commissioning import scan
 from drivebus.drives import Drive
-from drivebus.errors import PortLost
+from drivebus.drives.state import DriveState, DriveStatus
+from drivebus.errors import HeaderError, PortLost
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
 from drivebus.values import Quality, Reading, missing_reading
@@ -119,6 +121,37 @@ def test_a_value_that_is_not_reported_is_a_dash_and_never_a_zero() -> None:
     assert row.cell("output_current") == "–"
     assert row.cell("set_frequency") == "–"
     assert row.cell("output_frequency") == "12.50"
+
+
+STRAY = HeaderError("bus.stray_before", station=1, count=1, bytes="00")
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize(
+    ("reason", "unusable_reply", "presence", "state", "shown"),
+    [
+        ("drives.no_answer", STRAY, "never_seen", "live.presence.unusable", "bus.stray_before"),
+        ("drives.reserved_bits", None, "online", "live.state.unknown", "drives.reserved_bits"),
+        ("drives.not_read", None, "never_seen", "live.presence.never_seen", None),
+        ("drives.stale", None, "offline", "live.presence.offline", None),
+        ("drives.no_run_status", None, "online", "live.state.unknown", None),
+    ],
+)
+def test_a_drive_whose_replies_are_not_accepted_is_not_called_unseen_and_an_unknown_state_has_its_reason(
+    reason: str,
+    unusable_reply: Exception | None,
+    presence: str,
+    state: str,
+    shown: str | None,
+    language: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(output, "language", lambda: language)
+    status = DriveStatus(state=DriveState.UNKNOWN, reason=reason, unusable_reply=unusable_reply)
+    row = drive_row("a", "fan 1", "A", "vc660", 1, status, presence)
+    text = None if shown is None else i18n.text(shown, language, **STRAY.params)
+    assert (row.state_text(), row.fault_cell(), row.to_json(1.0)["reason"]) == (output.text(state), text or "", text)
+    assert drive_text(row, 1.0).endswith(text or "–") and row.to_json(1.0)["fault"] is None
 
 
 def test_a_commanded_frequency_has_a_star_if_the_drive_reports_none() -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import output
-from drivebus.cli.tui.rows import COLUMN_SIGNALS, ERROR_COUNTERS, BusRow, DriveRow
+from drivebus.cli.tui.rows import COLUMN_SIGNALS, ERROR_COUNTERS, BusRow, DriveRow, unknown_reason
 from drivebus.drives.dialects.base import reported_fault
 from drivebus.drives.readings import ReadingPairs
 from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveStatus
@@ -87,6 +87,7 @@ def drive_row(key: str, name: str, bus: str, model: str, address: int, status: D
         direction=str(status.direction) if status.direction else None,
         fault_label=fault.label if fault else "",
         fault_text=output.to_json_value(fault.text) if fault else "",
+        reason=unknown_reason(status),
         readings=status.readings,
         presence=presence,
         oldest_value_at=min(times) if times else status.at,

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import output
-from drivebus.cli.formatting import reading_json, round_or_none
+from drivebus.cli.formatting import reading_json, reason_text, round_or_none
 from drivebus.drives.state import join_fault
 from drivebus.values import Quality, Reading
+
+if TYPE_CHECKING:
+    from drivebus.drives.state import DriveStatus
 
 COLUMN_SIGNALS = ("set_frequency", "output_frequency", "output_current", "output_voltage", "dc_bus_voltage")
 """Columns of every drive; a value that a drive does not report stays empty, never 0."""
@@ -20,6 +23,22 @@ ERROR_COUNTERS = frozenset(
 """Counters of a bus that are shown with its errors; ``echo`` and ``retry`` are none."""
 
 _COLUMN_DECIMALS = {"set_frequency": 2, "output_frequency": 2, "output_current": 1}
+
+
+_REASONS_OF_SILENCE = {
+    "drives.not_read",
+    "drives.no_answer",
+    "drives.stale",
+    "drives.port_lost",
+    "drives.no_run_status",
+}
+"""Reasons that the presence, the bus or the model shows already."""
+
+
+def unknown_reason(status: DriveStatus) -> str | None:
+    """Return why the state is unknown although the drive sends something; None for any other status."""
+    is_silent = status.unusable_reply is None and status.reason in _REASONS_OF_SILENCE
+    return None if is_silent else reason_text(status)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,6 +55,8 @@ class DriveRow:
     direction: str | None = None
     fault_label: str = ""
     fault_text: str = ""
+    reason: str | None = None
+    """Why the state is unknown although the drive sends something, from ``unknown_reason``."""
     readings: Mapping[str, Reading] = field(default_factory=dict)
     presence: str = "never_seen"
     oldest_value_at: float | None = None
@@ -59,16 +80,17 @@ class DriveRow:
         return text if reading.quality is Quality.GOOD else f"{text}?"
 
     def state_text(self) -> str:
-        """Return the state in words, or the presence of a drive that does not answer."""
+        """Return the state in words, or the presence of a drive that does not answer, or not as it should."""
         if self.presence != "online":
-            return output.text(f"live.presence.{self.presence}")
+            return output.text(f"live.presence.{'unusable' if self.reason else self.presence}")
         return output.text(f"live.state.{self.state}")
 
     def direction_text(self) -> str:
         return output.text(f"live.direction.{self.direction}") if self.direction else ""
 
     def fault_cell(self) -> str:
-        return join_fault(self.fault_label, self.fault_text)
+        """Return label and text of the fault, or why the state is unknown."""
+        return join_fault(self.fault_label, self.fault_text) or self.reason or ""
 
     def age_s(self, now: float) -> float | None:
         """Return the age of the oldest value shown."""
@@ -87,8 +109,11 @@ class DriveRow:
             "address": self.address,
             "presence": self.presence,
             "state": self.state,
+            "reason": self.reason,
             "direction": self.direction,
-            "fault": {"label": self.fault_label, "text": self.fault_text} if self.fault_cell() else None,
+            "fault": {"label": self.fault_label, "text": self.fault_text}
+            if self.fault_label or self.fault_text
+            else None,
             "readings": {name: reading_json(reading, now) for name, reading in self.readings.items()},
             "commanded_hz": self.commanded_hz,
             "age_s": round_or_none(self.age_s(now)),

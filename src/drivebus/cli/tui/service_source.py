@@ -9,7 +9,7 @@ import time
 from drivebus.cli import output
 from drivebus.cli.remote.client import RemoteClient, open_client
 from drivebus.cli.remote.convert import parse_status
-from drivebus.cli.tui.rows import COLUMN_SIGNALS, ERROR_COUNTERS, BusRow, DriveRow
+from drivebus.cli.tui.rows import COLUMN_SIGNALS, ERROR_COUNTERS, BusRow, DriveRow, unknown_reason
 from drivebus.errors import DrivebusError
 from drivebus.service.api.operations.buses import BUSES_LIST
 from drivebus.service.api.operations.drives import DRIVES_LIST
@@ -82,7 +82,9 @@ class ServiceRowSource:
         """Replace outdated rows by rows without values, and report the reason once."""
         from dataclasses import replace
 
-        self._drives = [replace(row, presence="offline", state="unknown", readings={}) for row in self._drives]
+        self._drives = [
+            replace(row, presence="offline", state="unknown", reason=None, readings={}) for row in self._drives
+        ]
         self._buses = [replace(row, up=False, load=None, transactions_per_s=None) for row in self._buses]
         if not self._unreachable:
             self._unreachable = True
@@ -105,6 +107,7 @@ def remote_drive_row(view: Json, now: float) -> DriveRow:
         direction=str(status.direction) if status.direction else None,
         fault_label=fault.label if fault else "",
         fault_text=output.to_json_value(fault.text) if fault else "",
+        reason=unknown_reason(status),
         readings=readings,
         presence=view["presence"],
         oldest_value_at=min(times, default=None),
