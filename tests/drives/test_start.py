@@ -762,7 +762,7 @@ class RejectsStatus(FakeModbus):
 @pytest.mark.parametrize(
     ("station", "why"),
     [
-        (RejectsStatus(), ("the drive rejects the read", "变频器拒绝该读取")),
+        (RejectsStatus(), ("the drive rejected the request with exception 6", "变频器拒绝，异常码 6")),
         (FakeModbus(), ("bits that must be 0 are set", "应为 0 的位被置位")),
     ],
     ids=["exception 6", "reserved bit 9"],
