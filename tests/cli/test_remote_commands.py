@@ -196,6 +196,26 @@ def test_a_quick_stop_over_a_service_is_the_drives_own_fast_stop() -> None:
     assert asyncio.run(drive.quick_stop()).succeeded
 
 
+def test_a_stop_that_is_not_confirmed_through_a_service_ends_with_4_and_its_sentence(
+    plant: RunningService, service: str
+) -> None:
+    """The outcome in the error of the service was JSON: the command ended with a traceback and exit code 1."""
+
+    async def set_silent(is_silent: bool) -> None:
+        plant.kit.station("fan-1").faults.silent = is_silent
+
+    plant.run_in_loop(lambda: set_silent(True))
+    try:
+        shown = CliRunner().invoke(cli, ["stop", "--service", service, *FAN, "--lang", "en"])
+        found = run_command(service, "stop", *FAN, code=ExitCode.UNKNOWN)
+    finally:
+        plant.run_in_loop(lambda: set_silent(False))
+        plant.run_in_loop(lambda: all_states_known(plant))
+    assert (shown.exit_code, shown.exception.__class__) == (ExitCode.UNKNOWN, SystemExit), shown.output
+    assert "STOP NOT CONFIRMED" in shown.output and "Traceback" not in shown.output
+    assert found["error"]["type"] == "StopUnconfirmed"
+
+
 def test_stop_all_stops_the_whole_plant(plant: RunningService, service: str) -> None:
     found = run_command(service, "stop", "--all")
     all_drives = sorted(plant.kit.service.plant.drives)

@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Protocol
 
-from drivebus.errors import ConfigurationError
+from drivebus.errors import ConfigurationError, DrivebusError
 from drivebus.types import Json
 
 TOKEN_VARIABLE = "DRIVEBUS_TOKEN"
@@ -72,7 +72,12 @@ class LocalClient:
         from drivebus.cli.remote.unknown_outcome import outcome_unknown_on_loss
 
         with outcome_unknown_on_loss(operation):
-            return await self._client.call(operation, params, self._actor)
+            try:
+                return await self._client.call(operation, params, self._actor)
+            except DrivebusError as error:
+                from drivebus.cli.remote.convert import parse_error_outcome
+
+                raise parse_error_outcome(error) from None
 
     async def close(self) -> None:
         await self._client.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
 from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault
+from drivebus.errors import DrivebusError
 from drivebus.service.api.errors import error_from_json
 from drivebus.types import Json
 from drivebus.values import Quality, Reading, Text
@@ -28,6 +29,13 @@ def parse_outcome(found: Json) -> Outcome:
         drive_status=None,
         notes=notes,
     )
+
+
+def parse_error_outcome(error: DrivebusError) -> DrivebusError:
+    """Return an error of the service with its outcome in place of the JSON of that; raises KeyError, ValueError."""
+    if isinstance(error.outcome, dict):
+        error.outcome = parse_outcome({"outcome": error.outcome})
+    return error
 
 
 def _parse_exchange(frame: Json) -> FrameExchange:

@@ -109,6 +109,7 @@ def printable_values(value: Any) -> Any:
 
 def _parse_response(status: int, text: bytes, address: str) -> Json:
     """Return the result. Raises the error of the service; ServiceUnavailable for a response of another program."""
+    from drivebus.cli.remote.convert import parse_error_outcome
     from drivebus.service.api.errors import error_from_json
 
     try:
@@ -116,7 +117,7 @@ def _parse_response(status: int, text: bytes, address: str) -> Json:
         if status == 200:
             assert isinstance(found, dict)
             return found
-        error = error_from_json(found["error"])
+        error = parse_error_outcome(error_from_json(found["error"]))
     except (ValueError, KeyError, TypeError, AssertionError) as problem:
         raise ServiceUnavailable("service.strange", address=address, status=status) from problem
     raise error
