@@ -304,10 +304,9 @@ def test_shelving_of_an_earlier_run_lasts_a_day_at_most() -> None:
 
 def test_every_sentence_has_all_its_numbers() -> None:
     alarms = engine(HIGH, STALE, replace(HIGH, id="low", kind=AlarmKind.BELOW, threshold=1e9))
+    names = ("subject", "interlock", "reason", "drives", "file", "until", "copy", "motion")
     for kind in SystemAlarm:
-        alarms.raise_alarm(
-            kind, "fan-1", 0, subject="x", reason="y", drives="z", file="f", until="2026", copy="c", motion="m"
-        )
+        alarms.raise_alarm(kind, "fan-1", 0, **dict.fromkeys(names, "x"))
     silent = replace(current(12.345678), presence="offline", fault=OVERCURRENT)
     old = replace(silent, signals={"output_current": signal(1, Quality.BAD)})
     run(alarms, (0, silent), (3, silent), (4, old), (5, old))
