@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -16,6 +17,7 @@ from drivebus.cli.scanning import ScanProgressBar, assumed_models_texts, print_s
 from drivebus.commissioning.scan import DetectedDrive, ScanProgress, SniffResult
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import DriveState, DriveStatus, Fault
+from drivebus.errors import HeaderError
 from drivebus.serial_settings import SerialSettings
 from drivebus.values import Quality, Reading, Text, missing_reading
 
@@ -75,6 +77,15 @@ def test_signals_have_a_chinese_meaning_beside_their_name() -> None:
     )
     page = status_text(status, 2.0, VC660)
     assert "dc_bus_voltage" in page and "母线电压" in page and "537 V" in page
+
+
+def test_a_reply_that_is_not_accepted_stands_beside_the_state_with_its_remedy() -> None:
+    """Through a service a status is no error, and the remedy that the unconfirmed stop refers to was missing."""
+    stray = HeaderError("bus.stray_before", station=1, count=1, bytes="00")
+    unknown = DriveStatus(state=DriveState.UNKNOWN, reason="drives.no_answer", unusable_reply=stray)
+    remedy = i18n.text("hint.bus.stray_before")
+    assert " ".join(remedy.split()) in " ".join(status_text(unknown, 2.0, VC660).split())
+    assert remedy[:20] not in status_text(replace(unknown, unusable_reply=None), 2.0, VC660)
 
 
 def test_a_warning_stands_beside_the_state_with_its_bits() -> None:

@@ -6,7 +6,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from drivebus.cli import output
-from drivebus.cli.errors import ExitCode, error_text
+from drivebus.cli.errors import ExitCode, error_hint, error_text
 from drivebus.errors import DrivebusError
 from drivebus.types import Json
 from drivebus.values import Quality, Reading
@@ -86,6 +86,9 @@ def status_json(status: DriveStatus, now: float) -> Json:
 def status_text(status: DriveStatus, now: float, profile: DriveProfile, identity: Identity | None = None) -> str:
     """Format the page of a drive: state, fault, identity, readings with their age."""
     rows = [(output.text("status.state"), state_text(status))]
+    unusable_reply = status.unusable_reply if status.reason else None
+    if isinstance(unusable_reply, DrivebusError) and (hint := error_hint(unusable_reply)):
+        rows.append((output.text("status.remedy"), hint))
     if status.fault is not None:
         rows.append((output.text("status.fault"), fault_text(status.fault)))
         for name in ("cause", "remedy"):
