@@ -91,6 +91,11 @@ def sentences(item: dict[str, Any]) -> tuple[str, str]:
             "Shelve alarms Flue gas fan, m-0, m-1, m-2, m-3, m-4 and 4 more · No reply: 60 min, reason: cable",
             "搁置多条报警：引风机、m-0、m-1、m-2、m-3、m-4，另有 4 台 · 无应答：60 分钟，原因：cable",
         ),
+        (
+            record("alarm.acknowledge", "a5", alarm_subjects=["history"], alarm_title={"en": "Lost", "zh": "断开"}),
+            "Acknowledge alarm history · Lost",
+            "确认报警：历史数据 · 断开",
+        ),
         (record("login", "ann"), "Log in", "登录"),
         (record("user.add", "bob", role="operator"), "Add user bob: role operator", None),
         (

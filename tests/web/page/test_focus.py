@@ -6,6 +6,7 @@ from typing import Any
 
 from drivebus import i18n
 from fixtures.browser import Stage
+from fixtures.browser_actions import trip
 
 FOCUSED = "() => document.activeElement.closest('section, dialog')?.className ?? document.activeElement.tagName"
 
@@ -40,6 +41,19 @@ def test_a_window_returns_the_focus_and_its_opener_looks_like_an_action(stage: S
     page.keyboard.press("Escape")
     page.locator("dialog").wait_for(state="detached")
     assert opener.evaluate("one => one === document.activeElement")
+
+
+def test_the_focus_stays_in_the_row_of_an_alarm_that_is_acknowledged(stage: Stage, visit: Any) -> None:
+    """It went to the top of the page, from where the next alarm is many presses of Tab away."""
+    trip(stage, "pump-2")
+    page = visit("#/alarms")
+    row = page.locator(".alarmrow", has_text="Feed pump").first
+    row.locator("[data-alarm=acknowledge]").press("Enter")
+    row.locator("[data-alarm=acknowledge]").wait_for(state="detached")
+    page.wait_for_timeout(100)
+    assert page.evaluate("document.activeElement.matches('.alarmrow')")
+    page.keyboard.press("Tab")
+    assert row.evaluate("one => one.contains(document.activeElement) && one !== document.activeElement")
 
 
 def test_a_check_box_keeps_its_size_beside_a_long_label(visit: Any) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -433,11 +434,98 @@ def test_an_administrator_adds_changes_and_removes_a_user(visit: Any, expect: An
 
 def test_a_reload_shows_what_it_applied(visit: Any, expect: Any) -> None:
     page = visit("#/settings?tab=configuration", role="administrator")
+    page.click("[data-configuration=compare]")
     page.check(".panel input[type=checkbox]")
     page.get_by_role("button", name=word("reload")).click()
     expect(page.locator(".notice.good")).to_contain_text(word("reloaded"))
     page.wait_for_timeout(500)  # the text of the file is loaded again meanwhile
     expect(page.locator(".notice.good")).to_contain_text(word("no_difference"))
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_changes_that_a_reload_asks_to_have_read_are_those_of_the_file_as_it_is_now(
+    stage: Stage, visit: Any, expect: Any, language: str
+) -> None:
+    """The box "I have read what would change" could be ticked with nothing to read beside it."""
+    page = visit("#/settings?tab=configuration", role="administrator", language=language)
+    box = page.locator(".panel input[type=checkbox]")
+    panel = page.locator("section.panel").last
+    expect(box).to_be_disabled()
+    file = Path(stage.service.plant.config.source)
+    before = file.read_text(encoding="utf-8")
+    try:
+        file.write_text(before.replace("Feed pump", "Boiler pump"), encoding="utf-8")  # after the page has read it
+        page.click("[data-configuration=compare]")
+        expect(panel.locator(".notice.good")).to_contain_text("pump-2")
+        expect(box).to_be_enabled()
+        file.write_text(before.replace('bus = "pumps"', 'bus = "pipes"'), encoding="utf-8")
+        page.click("[data-configuration=compare]")
+        expect(panel.locator(".notice.bad")).to_contain_text("pipes")
+        expect(box).to_be_disabled()
+    finally:
+        file.write_text(before, encoding="utf-8")
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_dialog_and_the_record_of_a_shelved_bus_alarm_name_the_bus(
+    stage: Stage, visit: Any, expect: Any, language: str
+) -> None:
+    """Both said "Port lost", and not which of the ports."""
+    plant = stage.service.plant
+
+    async def change(of: Callable[..., None], **params: str) -> None:
+        of(SystemAlarm.PORT_LOST, subject="pumps", **params)
+
+    stage.do(lambda: change(plant.raise_alarm, reason="unplugged"))
+    try:
+        page = visit("#/alarms", language=language)
+        name = {"en": "Pump line", "zh": "水泵线路"}[language]
+        row = page.locator(".alarmrow", has_text=name).first
+        row.get_by_role("button", name=i18n.text("page.shelve", language)).click()
+        title = i18n.text("alarms.title.port_lost", language)
+        expect(page.locator("dialog")).to_contain_text(title + i18n.text("page.colon", language) + name)
+        page.fill("dialog input", "adapter")
+        page.click("dialog button[type=submit]")
+        expect(page.locator("dialog")).to_have_count(0)
+        newest = next(one for one in stage.call("audit.list")["items"] if one["what"] == "alarm.shelve")
+        assert f"{name} · {title}" in newest["text"][language]
+        stage.call("alarm.unshelve", alarm=newest["target"])
+    finally:
+        stage.do(lambda: change(plant.clear_alarm))
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_on_a_phone_a_date_of_a_table_is_not_broken_at_its_hyphens(stage: Stage, visit: Any, language: str) -> None:
+    trip(stage, "fan-3")
+    page = visit("#/drive/fan-3?tab=faults", language=language, role="administrator", size=(360, 740))
+    broken = {}
+    for way in ("drive/fan-3?tab=faults", "settings", "settings?tab=users"):
+        page.evaluate("way => { location.hash = '#/' + way; }", way)
+        page.locator("td.time").first.wait_for()
+        heights = page.locator("td.time").evaluate_all(TEXT_LINES)
+        broken[way] = [lines for lines in heights if lines > 2]
+    assert broken == {way: [] for way in broken}
+
+
+TEXT_LINES = """all => all.map((one) => {
+  const range = document.createRange();
+  range.selectNodeContents(one);
+  return new Set([...range.getClientRects()].map((box) => Math.round(box.top))).size;
+})"""
+
+
+def test_on_a_phone_the_notation_stays_beside_the_field_that_changes_it(stage: Stage, visit: Any) -> None:
+    """Scrolled to the fields, the table of parameters showed no name: each row looked like the others."""
+    stage.call("waiver.grant", drive="pump-1", reason="watched bench")
+    page = visit("#/drive/pump-1?tab=parameters", size=(360, 740))
+    page.click("[data-do=take]")
+    page.locator("td input").first.wait_for()
+    page.locator(".drivedetails .scroll").evaluate("one => { one.scrollLeft = one.scrollWidth; }")
+    row = page.locator(".drivedetails tbody tr", has=page.locator("td input")).first
+    name, field = row.locator("td").first.bounding_box(), row.locator("td input").bounding_box()
+    edge = page.locator(".drivedetails .scroll").bounding_box()
+    assert edge["x"] - 1 <= name["x"] and name["x"] + name["width"] <= field["x"]
+    assert field["x"] + field["width"] <= edge["x"] + edge["width"] + 1
 
 
 def test_a_token_is_shown_once_and_opens_the_api(stage: Stage, visit: Any, expect: Any) -> None:

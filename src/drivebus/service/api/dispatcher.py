@@ -130,7 +130,7 @@ class Dispatcher:
     ) -> Json:
         ticket = issue_ticket(self.plant, self._affected_drives(params))
         alarms = self._affected_alarms(params)
-        known = params.model_dump() | _common_title(alarms)
+        known = params.model_dump() | _alarm_names(alarms)
         if isinstance(params, AlarmSelectionParams):  # not the names that a client invents
             known["alarms"] = list(dict.fromkeys(alarm.id for alarm in alarms))
         drives = dict.fromkeys(alarm.drive for alarm in alarms if alarm.drive) if alarms else ticket.stop_counts
@@ -245,10 +245,13 @@ def _audit_entry(
     )
 
 
-def _common_title(alarms: Sequence[Alarm]) -> Json:
-    """Return the title of alarms as a parameter of their audit record, where all have the same."""
+def _alarm_names(alarms: Sequence[Alarm]) -> Json:
+    """Return parameters of the audit record of alarms: their title where all have the same, and what no drive names."""
     titles = {alarm.title for alarm in alarms}
-    return {"alarm_title": text_json(titles.pop())} if len(titles) == 1 else {}
+    subjects = [*dict.fromkeys(alarm.subject for alarm in alarms if alarm.subject and not alarm.drive)]
+    return ({"alarm_title": text_json(titles.pop())} if len(titles) == 1 else {}) | (
+        {"alarm_subjects": subjects} if subjects else {}
+    )
 
 
 def _unrecorded_entry(entry: AuditEntry) -> AuditEntry:

@@ -11,6 +11,7 @@ from typing import Any
 
 from drivebus import i18n
 from drivebus.profiles.diagnostics import bilingual_text
+from drivebus.service.alarms.engine import subject_name
 from drivebus.service.audit.records import ERROR_TEXT
 from drivebus.service.config.model import PlantConfig, title_of
 from drivebus.service.control.comm_loss_record import CommLossResult
@@ -90,6 +91,8 @@ def _subject(item: Json, params: Mapping[str, Any], titles: Titles) -> Text:
     alarm = params.get("alarm_title")
     if isinstance(alarm, Mapping):
         of = _named_drives(params.get("drives"), titles)
+        if not of.en:
+            of = _named_subjects(params.get("alarm_subjects"), titles)
         return Text.per_language(
             lambda language: " · ".join(filter(None, (of.in_language(language), alarm.get(language))))
         )
@@ -107,6 +110,12 @@ def _named_drives(drives: Any, titles: Titles) -> Text:
     ids = [str(one) for one in drives] if isinstance(drives, list) else []
     shown = Text.join([_title("drive", id, titles) for id in ids[:MAX_DRIVES]], "items")
     return shown if len(ids) <= MAX_DRIVES else bilingual_text("audit.more", shown=shown, n=len(ids) - MAX_DRIVES)
+
+
+def _named_subjects(subjects: Any, titles: Titles) -> Text:
+    """Return the titles of buses, and the names of files, that alarms without a drive are about."""
+    ids = [str(one) for one in subjects] if isinstance(subjects, list) else []
+    return Text.join([titles.get("bus", {}).get(id) or subject_name(id) for id in ids], "items")
 
 
 def _title(kind: str, id: str, titles: Titles) -> Text:

@@ -4,8 +4,7 @@ import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
 import { ReasonField, isLongEnough } from "../control/reason-field.js";
 import { Choice, Dialog, FormEnd, useRequest } from "../ui.js";
-import { groupSubject, shelveAll } from "./alarm-groups.js";
-import { driveTitle } from "../titles.js";
+import { groupSubject, shelveAll, subjectNames } from "./alarm-groups.js";
 
 const MINUTES = [15, 60, 240, 480, 1440];
 
@@ -21,7 +20,7 @@ export function ShelveDialog({ alarms, onClose }) {
     if (await execute(shelve)) onClose();
   };
   const title = alarms.length > 1 ? t("page.shelve_title_all", { n: alarms.length }) : t("page.shelve_title");
-  const subject = alarms.length > 1 ? groupSubject(alarms) : alarm.drive && driveTitle(alarm.drive);
+  const subject = alarms.length > 1 ? groupSubject(alarms) : subjectNames(alarms);
   return html`<${Dialog} title=${title} onClose=${onClose}>
     <p><strong>${localized(alarm.title)}</strong>${subject && t("page.colon") + subject}</p><p>${t(alarms.length > 1 ? "page.shelve_how_all"
       : "page.shelve_how")}</p>

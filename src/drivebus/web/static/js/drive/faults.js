@@ -36,7 +36,7 @@ function PastFaults({ id }) {
   return html`<h3>${t("page.past_faults")}</h3><${ErrorNote} error=${error} />
     <${Table} caption=${t("page.past_faults")} rows=${faults} keyOf=${(one) => one.id} empty=${t("page.no_faults")}
       columns=${[
-      [t("page.time"), (one) => moment(one.time_ms)],
+      [t("page.time"), (one) => moment(one.time_ms), "time"],
       [t("page.fault"), (one) => localized(one.text), "wide"],
     ]} />`;
 }

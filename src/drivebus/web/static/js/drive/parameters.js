@@ -80,7 +80,7 @@ function ParameterDetails({ parameter, caveats }) {
 function columns({ profile, values, edits, edit, read, canRead, canEdit }) {
   const found = (parameter) => values[parameter.notation];
   const shown = [
-    [t("page.notation"), (one) => html`<code>${one.notation}</code>`],
+    [t("page.notation"), (one) => html`<code>${one.notation}</code>`, "key"],
     [t("page.wire_address"), (one) => html`<code>${one.address_hex}</code>`],
     [t("page.parameter"), (one) => html`<${ParameterDetails} parameter=${one} caveats=${profile.caveats} />`, "wide"],
     [t("page.raw"), (one) => found(one)?.raw ?? NO_VALUE, "right"],

@@ -29,7 +29,7 @@ function IncidentDetails({ id }) {
   const [found, error] = useLoaded(() => api.get(`/incidents/${encodeURIComponent(id)}`), [id]);
   if (!found) return html`<h1>${t("page.incident_n", { id })}</h1>${error ? html`<${ErrorNote}
     error=${error} />` : html`<${Loading} />`}`;
-  return html`<h1>${driveTitle(found.drive)} · ${moment(found.time_ms)}</h1>
+  return html`<h1>${driveTitle(found.drive)} · <time>${moment(found.time_ms)}</time></h1>
     <div class="row"><a class="button" href=${href("drive", found.drive)}>${t("page.to_drive")}</a>
       <a class="button" href=${href("alarms", null, { tab: "incidents" })}>${t("page.incidents")}</a>
       <${Button} icon="download" onClick=${() => saveText(`incident-${id}.json`, JSON.stringify(found,

@@ -5,6 +5,8 @@ import { api } from "../api.js";
 import { isLive } from "../live.js";
 import { Button, ErrorNote, Field, Loading, Notice, useRequest, useLoaded } from "../ui.js";
 
+const checkText = (text) => api.post("/configuration/check", { text }, { timeout_ms: 60_000 });
+
 export function Configuration() {
   const [found, error, reload] = useLoaded(() => api.get("/configuration"), []);
   const [text, setText] = useState(null);
@@ -21,8 +23,8 @@ function Check({ text, onChange, isChanged, onBack }) {
   const [execute, busy, error, result, clear] = useRequest();
   return html`<${Field} label="plant.toml"><textarea class="mono" rows="18" spellcheck="false" wrap="off" value=${text}
       onInput=${(event) => { clear(); onChange(event.target.value); }}></textarea><//>
-    <div class="row"><${Button} busy=${busy} onClick=${() => execute(() => api.post("/configuration/check", { text },
-      { timeout_ms: 60_000 }))} data-configuration="check">${t("page.check")}<//>
+    <div class="row"><${Button} busy=${busy} onClick=${() => execute(() => checkText(text))}
+      data-configuration="check">${t("page.check")}<//>
       <${Button} disabled=${!isChanged} onClick=${() => { clear(); onBack(); }}>${t("page.back_to_file")}<//></div>
     <${ErrorNote} error=${error} />${result && html`<${CheckResult} result=${result} />`}`;
 }
@@ -47,15 +49,27 @@ function Difference({ difference }) {
     key=${what}>${t(`page.differs_${what}`)}</dt><dd>${names.join(t("language.between_items"))}</dd>`)}</dl>`;
 }
 
+/** Check of the file as it is now, which may be newer than the text of the page. */
+async function checkFile() {
+  const { text } = await api.get("/configuration");
+  return checkText(text);
+}
+
 function Reload({ onDone }) {
   const [sure, setSure] = useState(false);
-  const [execute, busy, error, result] = useRequest();
+  const [execute, busy, error, result, clear] = useRequest();
+  const [compare, comparing, compareError, compared, forget] = useRequest();
+  const canReload = compared !== null && (compared.diagnostics ?? []).length === 0;
+  const read = () => { clear(); setSure(false); compare(checkFile); };
   const send = async () => {
     setSure(false);
+    forget();
     if (await execute(() => api.post("/configuration/reload", {}, { timeout_ms: 60_000 }))) onDone();
   };
   return html`<section class="panel stack"><h2>${t("page.reload")}</h2><p>${t("page.reload_how")}</p>
-    <label class="check"><input type="checkbox" checked=${sure}
+    <div class="row"><${Button} busy=${comparing} onClick=${read} data-configuration="compare">${t("page.reload_compare")}<//></div>
+    <${ErrorNote} error=${compareError} />${compared && html`<${CheckResult} result=${compared} />`}
+    <label class="check"><input type="checkbox" checked=${sure} disabled=${!canReload}
       onChange=${(event) => setSure(event.target.checked)} />${t("page.reload_sure")}</label>
     <div class="row"><${Button} kind="main" busy=${busy} disabled=${!sure || !isLive.value}
       onClick=${send}>${t("page.reload")}<//></div>

@@ -12,8 +12,8 @@ export function OwnSessions() {
   if (!found) return error ? html`<${ErrorNote} error=${error} />` : html`<${Loading} />`;
   const columns = [
     [t("page.network_address"), (one) => (one.current ? `${one.address} ${t("page.this_session")}` : one.address)],
-    [t("page.logged_in_since"), (one) => moment(one.opened_ms)],
-    [t("page.last_active"), (one) => moment(one.active_ms)],
+    [t("page.logged_in_since"), (one) => moment(one.opened_ms), "time"],
+    [t("page.last_active"), (one) => moment(one.active_ms), "time"],
     [t("page.end_session"), (one) => html`<${Button} onClick=${() => setEnding(one)}>${t("page.end_session")}<//>`,
       "act"],
   ];

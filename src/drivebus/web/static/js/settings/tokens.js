@@ -19,7 +19,7 @@ export function Tokens() {
     [t("page.user"), (token) => token.user],
     [t("page.rights"),
       (token) => token.rights.map((right) => t(`page.right_${right}`)).join(t("language.between_items"))],
-    [t("page.expires"), (token) => moment(token.expires_ms)],
+    [t("page.expires"), (token) => moment(token.expires_ms), "time"],
     [t("page.remove"), (token) => html`<${Remove} token=${token} onDone=${() => close()} />`, "act"],
   ];
   return html`<section class="panel stack"><div class="row between"><h2>${t("page.tokens")}</h2>

@@ -23,7 +23,7 @@ export function Users() {
     [t("page.state"), (user) => t(user.disabled ? "page.user_disabled" : "page.user_enabled")],
     [t("page.sessions"), (user) => user.sessions, "right"],
     [t("page.tokens"), (user) => user.tokens, "right"],
-    [t("page.created"), (user) => moment(user.created_ms)],
+    [t("page.created"), (user) => moment(user.created_ms), "time"],
     [t("page.change"), (user) => html`<${Button} onClick=${() => setOpen(user)}
       aria-label=${t("page.change_user", { name: user.name })}>${t("page.change")}<//>`, "act"],
   ];
