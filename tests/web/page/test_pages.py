@@ -470,7 +470,7 @@ def test_the_changes_that_a_reload_asks_to_have_read_are_those_of_the_file_as_it
 def test_the_dialog_and_the_record_of_a_shelved_bus_alarm_name_the_bus(
     stage: Stage, visit: Any, expect: Any, language: str
 ) -> None:
-    """Both said "Port lost", and not which of the ports."""
+    """Regression: both said "Port lost" and did not name the port."""
     plant = stage.service.plant
 
     async def change(of: Callable[..., None], **params: str) -> None:
