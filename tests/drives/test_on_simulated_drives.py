@@ -601,6 +601,27 @@ def test_what_was_read_before_the_port_was_lost_is_bad_at_once_and_until_it_is_r
     run_virtual(scenario())
 
 
+def test_a_value_whose_first_poll_is_not_due_yet_is_not_read_yet_and_no_missing_reply() -> None:
+    """Regression: for up to a minute "no usable reply from the drive" stood beside a drive that answered everything."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives("c320") as bench:
+            with bench.drive().monitor() as monitor:
+                await asyncio.sleep(3)
+                status = monitor.status()
+                assert status.state is DriveState.STOPPED
+                assert status.readings["last_fault_temperature"].reason == "drives.not_read"
+                await asyncio.sleep(62)
+                assert monitor.status().readings["last_fault_temperature"].value is not None
+        async with SimulatedDrives("c320") as bench:
+            bench.station().faults.silent = True
+            with bench.drive().monitor() as monitor:
+                await asyncio.sleep(3)
+                assert monitor.status().readings["last_fault_temperature"].reason == "drives.no_answer"
+
+    run_virtual(scenario())
+
+
 def test_a_value_hidden_by_a_fault_is_read_as_soon_as_the_fault_is_over() -> None:
     """The C320 does not repeat the item in a fault; its module temperature is polled only once a minute."""
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from drivebus.bus import Bus, Poll, PollSubscription
 from drivebus.bus.messages import BusResult
+from drivebus.bus.station import Presence
 from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE, Dialect, reported_fault
 from drivebus.drives.operations.status import complete_status
 from drivebus.drives.readings import ReadingPairs, Readings
@@ -55,6 +56,8 @@ class Monitor:
         self._validity_s: dict[str, float] = {}
         self._requests: dict[str, Any] = {}
         """Poll that each reading comes from."""
+        self._failed: set[Any] = set()
+        """Polls that had no usable reply."""
         self._repeated: set[Any] = set()
         """Polls that were repeated at once because a word had changed."""
         polls = status_polls(dialect, self._names, period_s)
@@ -73,6 +76,8 @@ class Monitor:
         self.last_error = result.error
         if result.error is None and result.reply is not None:
             self._apply_poll(result)
+        else:
+            self._failed.add(result.bus_request.request)
         self._notify()
 
     def _notify(self) -> None:
@@ -158,7 +163,10 @@ class Monitor:
             at=self._derived_at,
             unusable_reply=unusable_reply,
         )
-        return complete_status(self._dialect, found, self._names)
+        # A slow poll has its first turn up to a minute after the start: until then its signals are not read yet.
+        is_offline = self._bus.presence(self._dialect.address) is Presence.OFFLINE
+        lacks_reply = is_offline or not self._failed <= set(self._requests.values())
+        return complete_status(self._dialect, found, self._names if lacks_reply else ())
 
     def _current_state(self, now: float) -> DerivedState:
         if not self._dialect.reports_run_state:

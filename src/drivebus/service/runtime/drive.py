@@ -151,9 +151,7 @@ class DriveRuntime:
         """Return the newest status; old readings are bad and an old state is unknown."""
         if self.monitor is not None:
             return self.monitor.status()
-        return complete_status(
-            self.drive.dialect, DriveStatus(state=DriveState.UNKNOWN, reason="drives.not_read"), self.signals
-        )
+        return complete_status(self.drive.dialect, DriveStatus(state=DriveState.UNKNOWN, reason="drives.not_read"), ())
 
     @property
     def configured_range_hz(self) -> tuple[float, float]:
