@@ -19,7 +19,7 @@ from drivebus.cli.main import cli
 from drivebus.cli.run_watch import RunWatch
 from drivebus.cli.signals import ShutdownSignal
 from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault
-from drivebus.errors import BusError, PortLost
+from drivebus.errors import ChecksumError, DrivebusError, NotFound, PortLost
 from drivebus.values import Text
 
 ATTACHED = "Attached: Ctrl-C stops the drive"
@@ -59,17 +59,17 @@ class FakeDrive:
 
     profile = profiles.load("c320")
 
-    def __init__(self, *statuses: DriveStatus | BusError) -> None:
+    def __init__(self, *statuses: DriveStatus | DrivebusError) -> None:
         self._statuses = iter(statuses)
 
     async def status(self) -> DriveStatus:
         found = next(self._statuses)
-        if isinstance(found, BusError):
+        if isinstance(found, DrivebusError):
             raise found
         return found
 
 
-def watch(*statuses: DriveStatus | BusError, language: str = "en") -> ExitCode:
+def watch(*statuses: DriveStatus | DrivebusError, language: str = "en") -> ExitCode:
     output.parse_global_options(["--lang", language])
     bus: Any = FakeBus()
     drive: Any = FakeDrive(*statuses)
@@ -125,6 +125,38 @@ def test_a_lost_port_says_once_that_the_motor_may_run_and_when_the_state_is_know
     shown = capsys.readouterr().out.replace("\n", "" if language == "zh" else " ")
     assert (shown.count(expected), shown.count("/dev/ttyUSB0")) == (1, 1)
     assert i18n.text("run.known_again", language, seconds=0.0) in shown
+
+
+def test_damaged_replies_while_attached_are_remarked_on_and_the_run_goes_on(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a missing reply: the motor turns, and an end of the command without a stop would leave it so."""
+    monkeypatch.setattr(run, "STATUS_PERIOD_S", 0.0)
+    damaged = ChecksumError("modbus.crc", expected=1, found=2)
+    off = DriveStatus(state=DriveState.STOPPED)
+    assert watch(*[damaged] * 3, off, off) is ExitCode.FAILED
+    shown = capsys.readouterr().out.replace("\n", " ")
+    assert (shown.count("ATTENTION: no usable reply"), i18n.text("run.known_again", "en", seconds=0.0) in shown) == (
+        1,
+        True,
+    )
+
+
+@pytest.mark.parametrize(
+    "error", [ChecksumError("modbus.crc", expected=1, found=2), NotFound("plant.no_drive", id="fan-1", known="fan-2")]
+)
+def test_whatever_ends_an_attached_run_is_followed_by_a_stop(
+    monkeypatch: pytest.MonkeyPatch, error: DrivebusError
+) -> None:
+    """Before the start these errors need none, so that they were not followed by one after it either."""
+
+    async def failing(*_: object) -> ExitCode:
+        raise error
+
+    monkeypatch.setattr(run, "_watch", failing)
+    line = "run sim://c320@1?ramp=1 --model c320 --address 1 --frequency 5 --lang en"
+    found = CliRunner().invoke(cli, line.split(), env={"COLUMNS": "200"})
+    assert found.exit_code != ExitCode.DONE and "Confirmed: the drive reports stopped" in found.stdout, found.output
 
 
 def test_waiting_for_the_speed_shows_the_drive_twice_a_second(capsys: pytest.CaptureFixture[str]) -> None:

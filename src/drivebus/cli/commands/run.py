@@ -61,7 +61,13 @@ async def _attached(
     wait: bool,
     detach: bool,
 ) -> ExitCode | None:
-    """Start and show the drive. Return the exit code; None if the drive keeps running with ``--detach``."""
+    """Start and show the drive. Return the exit code; None if the drive keeps running with ``--detach``.
+
+    Only an error of the start is raised: after it the motor turns, and a stop follows whatever fails.
+    """
+    from drivebus.cli.errors import report_error
+    from drivebus.errors import DrivebusError
+
     started = await _start(bus, drive, shutdown, frequency_hz, direction, wait, detach)
     if detach and started is ExitCode.DONE and not shutdown.received:
         output.print_message("run.detached_service" if _is_remote(drive) else "run.detached")
@@ -71,7 +77,12 @@ async def _attached(
     from drivebus.cli.run_watch import RunWatch
     from drivebus.drives.state import Direction
 
-    return await _watch(bus, drive, shutdown, RunWatch(frequency_hz, direction or Direction.FORWARD, bus.now()))
+    watch = RunWatch(frequency_hz, direction or Direction.FORWARD, bus.now())
+    try:
+        return await _watch(bus, drive, shutdown, watch)
+    except DrivebusError as error:
+        _end_line()
+        return report_error(error)
 
 
 def _direction(reverse: bool) -> Direction | None:
@@ -128,13 +139,13 @@ def _progress_printer(bus: Bus, drive: Drive) -> Callable[[DriveStatus], None]:
 async def _watch(bus: Bus, drive: Drive, shutdown: ShutdownSignal, watch: RunWatch) -> ExitCode:
     """Show the drive until a shutdown, a fault, or an output that another source switched off."""
     from drivebus.cli.formatting import fault_text
-    from drivebus.errors import BusError, ServiceUnavailable
+    from drivebus.errors import BusError, ProtocolError, ServiceUnavailable
 
     off = 0
     while not shutdown.received:
         try:
             status = await shutdown.interruptible(drive.status())
-        except (BusError, ServiceUnavailable) as error:
+        except (BusError, ProtocolError, ServiceUnavailable) as error:
             if remark := watch.on_failure(error, bus.now()):
                 _print_remark(remark)
             await shutdown.wait(STATUS_PERIOD_S)
