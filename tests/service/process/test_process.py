@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import os
 import shutil
@@ -284,6 +285,21 @@ def test_stop_all_reports_a_missing_service(tmp_path: Path) -> None:
     sentence = i18n.text("stop_all.no_service", "en", socket=socket_path(tmp_path, STOP_SOCKET))
     assert found.returncode == 4 and sentence in " ".join(found.stderr.split())
     assert command("stop", "--all").returncode == 2
+
+
+def test_stop_all_without_permission_does_not_say_that_no_service_answers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The service may well run; only this user may not open its socket."""
+
+    async def refuse(*args: object, **kwargs: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(asyncio, "open_unix_connection", refuse)
+    with pytest.raises(StopUnconfirmed) as raised:
+        asyncio.run(stop._request_stop(tmp_path))
+    assert raised.value.key == "stop_all.no_permission"
+    assert raised.value.params["socket"] == str(socket_path(tmp_path, STOP_SOCKET))
 
 
 @pytest.mark.parametrize(

@@ -348,7 +348,8 @@ def _state_folder(plant: str | None, directory: str | None) -> Path:
 async def _request_stop(folder: Path) -> Json:
     """Send the stop and return its result.
 
-    Raises StopUnconfirmed if no service answers, it hangs or ends before it reports the result, or reports another one.
+    Raises StopUnconfirmed if no service answers, this user may not call it, it hangs or ends before it reports the
+    result, or reports another one.
     """
     from drivebus.service.ipc.protocol import (
         MAX_MESSAGE_BYTES,
@@ -365,6 +366,8 @@ async def _request_stop(folder: Path) -> Json:
         with short_socket_path(path) as short:
             reader, writer = await asyncio.open_unix_connection(short, limit=MAX_MESSAGE_BYTES)
         writer.write(STOP_REQUEST)
+    except PermissionError as error:
+        raise StopUnconfirmed("stop_all.no_permission", socket=socket) from error
     except OSError as error:
         raise StopUnconfirmed("stop_all.no_service", socket=socket) from error
     try:
