@@ -19,7 +19,7 @@ from drivebus.cli.main import cli
 from drivebus.cli.run_watch import RunWatch
 from drivebus.cli.signals import ShutdownSignal
 from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault
-from drivebus.errors import ChecksumError, DrivebusError, NotFound, PortLost
+from drivebus.errors import ChecksumError, ControlNotHeld, DrivebusError, NotFound, PortLost
 from drivebus.values import Text
 
 ATTACHED = "Attached: Ctrl-C stops the drive"
@@ -157,6 +157,18 @@ def test_whatever_ends_an_attached_run_is_followed_by_a_stop(
     line = "run sim://c320@1?ramp=1 --model c320 --address 1 --frequency 5 --lang en"
     found = CliRunner().invoke(cli, line.split(), env={"COLUMNS": "200"})
     assert found.exit_code != ExitCode.DONE and "Confirmed: the drive reports stopped" in found.stdout, found.output
+
+
+def test_an_attached_run_whose_drive_another_user_takes_over_stops_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """That user commands the drive from then on."""
+
+    async def failing(*_: object) -> ExitCode:
+        raise ControlNotHeld("plant.not_owner", drive="fan-1", owner="bob")
+
+    monkeypatch.setattr(run, "_watch", failing)
+    line = "run sim://c320@1?ramp=1 --model c320 --address 1 --frequency 5 --lang en"
+    found = CliRunner().invoke(cli, line.split(), env={"COLUMNS": "200"})
+    assert (found.exit_code, "Stopping" in found.stdout) == (ExitCode.FAILED, False), found.output
 
 
 def test_waiting_for_the_speed_shows_the_drive_twice_a_second(capsys: pytest.CaptureFixture[str]) -> None:

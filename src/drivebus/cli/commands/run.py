@@ -63,10 +63,11 @@ async def _attached(
 ) -> ExitCode | None:
     """Start and show the drive. Return the exit code; None if the drive keeps running with ``--detach``.
 
-    Only an error of the start is raised: after it the motor turns, and a stop follows whatever fails.
+    After the start a stop follows whatever fails, so that it is not raised; but another user who has taken control
+    commands the drive from then on (ControlNotHeld).
     """
     from drivebus.cli.errors import report_error
-    from drivebus.errors import DrivebusError
+    from drivebus.errors import ControlNotHeld, DrivebusError
 
     started = await _start(bus, drive, shutdown, frequency_hz, direction, wait, detach)
     if detach and started is ExitCode.DONE and not shutdown.received:
@@ -80,6 +81,8 @@ async def _attached(
     watch = RunWatch(frequency_hz, direction or Direction.FORWARD, bus.now())
     try:
         return await _watch(bus, drive, shutdown, watch)
+    except ControlNotHeld:
+        raise
     except DrivebusError as error:
         _end_line()
         return report_error(error)
