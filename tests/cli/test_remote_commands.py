@@ -19,13 +19,16 @@ from click.testing import CliRunner
 from drivebus import i18n
 from drivebus.cli import output
 from drivebus.cli.commands import comm_loss_test as comm_loss_test_command
+from drivebus.cli.drive_command import nothing_moved
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
 from drivebus.cli.remote import http_client
+from drivebus.cli.remote.convert import parse_error_outcome
 from drivebus.cli.remote.drive import RemoteDrive
 from drivebus.cli.tui.service_source import ServiceRowSource
+from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import DriveState
-from drivebus.errors import ConfigurationError, OutcomeUnknown
+from drivebus.errors import ConfigurationError, OutcomeUnknown, Superseded
 from drivebus.service.api.errors import build_error_json
 from drivebus.service.api.operations import API_PREFIX
 from drivebus.service.auth.actor import SERVICE_NAME
@@ -214,6 +217,25 @@ def test_a_stop_that_is_not_confirmed_through_a_service_ends_with_4_and_its_sent
     assert (shown.exit_code, shown.exception.__class__) == (ExitCode.UNKNOWN, SystemExit), shown.output
     assert "STOP NOT CONFIRMED" in shown.output and "Traceback" not in shown.output
     assert found["error"]["type"] == "StopUnconfirmed"
+
+
+@pytest.mark.parametrize(
+    "outcome",
+    [
+        {"status": "of a later version", "text": {"en": "", "zh": ""}, "notes": [], "frames": []},
+        {"status": "unknown", "text": {"en": "", "zh": ""}, "notes": ["a"], "frames": []},
+        {"status": "unknown", "text": "a", "notes": [], "frames": []},
+        {},
+        ["a"],
+    ],
+)
+def test_an_outcome_in_the_form_of_another_version_is_unknown_and_followed_by_a_stop(outcome: Any) -> None:
+    """Over HTTP it was a service that had not executed the start, on the socket a traceback."""
+    superseded = Superseded("drives.superseded")
+    superseded.outcome = outcome
+    error = parse_error_outcome(superseded)
+    assert (error.key, error.outcome.status) == ("drives.superseded", OutcomeStatus.UNKNOWN)
+    assert not nothing_moved(error) and error.outcome.note_texts() == []
 
 
 def test_stop_all_stops_the_whole_plant(plant: RunningService, service: str) -> None:

@@ -32,9 +32,15 @@ def parse_outcome(found: Json) -> Outcome:
 
 
 def parse_error_outcome(error: DrivebusError) -> DrivebusError:
-    """Return an error of the service with its outcome in place of the JSON of that; raises KeyError, ValueError."""
-    if isinstance(error.outcome, dict):
-        error.outcome = parse_outcome({"outcome": error.outcome})
+    """Return an error of the service with its outcome in place of the JSON of that.
+
+    An outcome that can't be read, as of a service of another version, is an unknown one: the command was sent.
+    """
+    if error.outcome is not None:
+        try:
+            error.outcome = parse_outcome({"outcome": error.outcome})
+        except (AttributeError, KeyError, TypeError, ValueError):
+            error.outcome = Outcome(status=OutcomeStatus.UNKNOWN, key=error.key, params=error.params)
     return error
 
 
