@@ -80,12 +80,17 @@ BACKWARDS = replace(GROUP, drives=("fan-2", "fan-1"))
 """The configuration lists the follower first."""
 
 
-def test_no_follower_starts_after_a_leader_that_has_not_started() -> None:
+@pytest.mark.parametrize("muted_s", [0, 10], ids=["unanswered", "offline"])
+def test_no_follower_starts_after_a_leader_that_has_not_started(muted_s: float) -> None:
+    """The error for an offline leader named it as a drive that runs without itself."""
+
     async def scenario() -> None:
         async with running_service(plant_config(groups=(BACKWARDS,))) as kit:
             await asyncio.sleep(2)
             await kit.grant_waivers()
             kit.station("fan-1").faults.mute = True  # it receives and may execute frames, but does not reply
+            await asyncio.sleep(muted_s)
+            await kit.call("group.arm", group="fans")
             found = (await kit.call("group.start", group="fans", frequency_hz=20.0))["outcomes"]
             assert found["fan-1"].get("status") is None
             assert (found["fan-2"]["code"], found["fan-2"]["params"]["leader"]) == ("plant.leader_not_done", "fan-1")

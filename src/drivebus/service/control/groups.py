@@ -62,7 +62,7 @@ class GroupCommands:
         group, runtimes = self._require_control(params.group, actor)
         for runtime in runtimes:
             check_start(self.plant, runtime)
-        _check_members_online(group, runtimes)
+        _check_followers_online(group, runtimes)
         return {
             "arm_token": self.plant.arm_tokens.issue(f"group:{group.id}", actor, self.plant.now()),
             "expires_s": ARM_TTL_S,
@@ -82,7 +82,7 @@ class GroupCommands:
         for runtime in runtimes:
             check_start(self.plant, runtime)
             _check_member_frequency(group, runtime, params.frequency_hz)
-        _check_members_online(group, runtimes)
+        _check_followers_online(group, runtimes)
         self.plant.arm_tokens.consume(params.arm_token, f"group:{group.id}", actor, self.plant.now())
         self.progress[group.id] = 0
         outcomes: Json = {}
@@ -230,12 +230,12 @@ class GroupCommands:
         return "running" if all(turning) else "mixed" if any(turning) else "stopped"
 
 
-def _check_members_online(group: GroupConfig, runtimes: list[DriveRuntime]) -> None:
-    """Check that every drive of a group with a leader replies: without a follower the leader would run alone.
+def _check_followers_online(group: GroupConfig, runtimes: list[DriveRuntime]) -> None:
+    """Check that every follower of a leader replies: without one the leader would run alone.
 
-    Raises Interlocked.
+    A leader without reply does not start, and then no follower does. Raises Interlocked.
     """
-    for runtime in runtimes if group.leader else ():
+    for runtime in runtimes[1:] if group.leader else ():
         if runtime.bus.presence(runtime.config.address) is not Presence.ONLINE:
             raise Interlocked("plant.member_offline", drive=runtime.id, group=group.id, leader=group.leader)
 
