@@ -215,6 +215,19 @@ def test_a_scan_says_once_that_another_address_replied_in_each_encoding(capsys: 
     assert shown.count("from address 2 to a request for 3") == 1
 
 
+def test_a_scan_gives_the_remedy_of_a_stray_byte_only_where_its_table_names_that_byte(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A drive that was found at the second read had a remedy below the table that nothing in it referred to."""
+    stray = HeaderError("bus.stray_before", station=1, count=1, bytes="00")
+    remedy = " ".join(i18n.text("hint.bus.stray_before").split())
+    for drive, is_named in ((detected(1), True), (detected(1, "vc660"), False)):
+        found = replace(drive, valid_reply=not is_named, unusable_reply=stray)
+        print_scan("x", ScanProgress(total_s=1.0, found=[found]), None, ExitCode.DONE)
+        shown = " ".join(capsys.readouterr().out.split())
+        assert (remedy in shown, "stray" in shown) == (is_named, is_named)
+
+
 def detected(address: int, *models: str, fits_partly: bool = False) -> DetectedDrive:
     return DetectedDrive(
         models=models, setpoint_steps_hz={}, family="modbus", encoding="rtu", address=address,

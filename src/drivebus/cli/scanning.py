@@ -242,8 +242,8 @@ def print_scan(port: str, progress: ScanProgress, sniffed: SniffResult | None, c
     )
     if progress.found or progress.done_s > 0:
         output.print_text(_scan_table(progress.found))
-    hints = (error_hint(drive.unusable_reply) for drive in progress.found if drive.unusable_reply is not None)
-    for hint in dict.fromkeys(filter(None, hints)):
+    named = (drive.unusable_reply for drive in progress.found if drive.unreadable)  # no other row of the table names it
+    for hint in dict.fromkeys(filter(None, (error_hint(error) for error in named if error is not None))):
         output.print_text(output.wrap_for(hint, sys.stdout))
     _note_unsent(progress)
     return code
