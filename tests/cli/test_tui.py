@@ -134,6 +134,7 @@ STRAY = HeaderError("bus.stray_before", station=1, count=1, bytes="00")
         ("drives.reserved_bits", None, "online", "live.state.unknown", "drives.reserved_bits"),
         ("drives.not_read", None, "never_seen", "live.presence.never_seen", None),
         ("drives.stale", None, "offline", "live.presence.offline", None),
+        ("drives.reserved_bits", None, "offline", "live.presence.offline", None),  # silent since that reply
         ("drives.no_run_status", None, "online", "live.state.unknown", None),
     ],
 )

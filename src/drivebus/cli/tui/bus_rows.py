@@ -87,7 +87,7 @@ def drive_row(key: str, name: str, bus: str, model: str, address: int, status: D
         direction=str(status.direction) if status.direction else None,
         fault_label=fault.label if fault else "",
         fault_text=output.to_json_value(fault.text) if fault else "",
-        reason=unknown_reason(status),
+        reason=unknown_reason(status, presence),
         readings=status.readings,
         presence=presence,
         oldest_value_at=min(times) if times else status.at,

@@ -35,9 +35,9 @@ _REASONS_OF_SILENCE = {
 """Reasons that the presence, the bus or the model shows already."""
 
 
-def unknown_reason(status: DriveStatus) -> str | None:
+def unknown_reason(status: DriveStatus, presence: str) -> str | None:
     """Return why the state is unknown although the drive sends something; None for any other status."""
-    is_silent = status.unusable_reply is None and status.reason in _REASONS_OF_SILENCE
+    is_silent = status.unusable_reply is None and (presence != "online" or status.reason in _REASONS_OF_SILENCE)
     return None if is_silent else reason_text(status)
 
 

@@ -107,7 +107,7 @@ def remote_drive_row(view: Json, now: float) -> DriveRow:
         direction=str(status.direction) if status.direction else None,
         fault_label=fault.label if fault else "",
         fault_text=output.to_json_value(fault.text) if fault else "",
-        reason=unknown_reason(status),
+        reason=unknown_reason(status, view["presence"]),
         readings=readings,
         presence=view["presence"],
         oldest_value_at=min(times, default=None),
