@@ -128,6 +128,22 @@ def test_a_group_does_not_start_while_a_follower_is_known_to_be_offline() -> Non
     run(scenario())
 
 
+def test_a_member_whose_replies_are_not_accepted_is_not_said_to_be_silent_where_its_group_is_refused() -> None:
+    async def scenario() -> None:
+        async with running_service(plant_config(groups=(replace(GROUP, ratios={}),))) as kit:
+            await asyncio.sleep(2)
+            await kit.grant_waivers()
+            kit.station("fan-2").faults.added_delay_s = 0.5  # each reply comes too late
+            await asyncio.sleep(10)
+            with pytest.raises(Interlocked) as refused:
+                await kit.call("group.start", group="fans", frequency_hz=20.0)
+            assert refused.value.key == "plant.member_offline"
+            assert refused.value.text("en").startswith("no usable reply from fan-2")
+            assert refused.value.text("zh").startswith("fan-2 无可用应答")
+
+    run(scenario())
+
+
 def test_no_follower_gets_the_share_of_a_frequency_that_its_leader_has_not_got() -> None:
     async def scenario() -> None:
         async with running_service(plant_config(groups=(BACKWARDS,))) as kit:
