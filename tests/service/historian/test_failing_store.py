@@ -17,13 +17,14 @@ from typing import Any
 
 import pytest
 
+from drivebus import i18n
 from drivebus.errors import ServiceUnavailable
 from drivebus.service.api.operations.history import TimeRangeParams
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import historian as historian_module
 from drivebus.service.historian.sqlite import SqliteConnection
 from drivebus.service.historian.store import EventRow, HistoryStore, StoreError
-from drivebus.service.historian.writer import WriteQueue
+from drivebus.service.historian.writer import MAX_QUEUED_SAMPLES, WriteQueue
 from drivebus.values import Text
 from fixtures.historian import NOON_MS, HistoryDatabase, compact_all, samples, samples_of, trend
 
@@ -399,3 +400,15 @@ async def test_a_reader_connection_that_the_database_cut_does_not_keep_the_servi
     await historian.close()
     async with historian_module.Historian(HistoryConfig(), tmp_path) as again:
         assert (await trend(again, NOON_MS, NOON_MS + 2000))["mean"] == [0, 1, 2]
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_half_hour_that_a_broken_history_bridges_is_named_with_the_size_of_the_plant_for_which_it_is_true(
+    language: str,
+) -> None:
+    """300 drives fill the queue within a minute or two: the page promised half an hour to them too."""
+    assert 25 <= MAX_QUEUED_SAMPLES / (12 * 10) / 60 <= 35  # 12 drives with 10 signals a second
+    for key in ("page.history_broken", "alarms.remedy.storage_failure"):
+        assert {"en": "half an hour with 12 drives", "zh": "12 台变频器时约可存半小时"}[language] in i18n.text(
+            key, language
+        )
