@@ -467,6 +467,48 @@ def test_the_changes_that_a_reload_asks_to_have_read_are_those_of_the_file_as_it
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_reload_applies_nothing_where_the_file_has_changed_since_its_changes_were_read(
+    stage: Stage, visit: Any, expect: Any, language: str
+) -> None:
+    """It applied the file as it was at the second click, whose changes no user had read."""
+    page = visit("#/settings?tab=configuration", role="administrator", language=language)
+    panel = page.locator("section.panel").last
+    box = panel.locator("input[type=checkbox]")
+    file = Path(stage.service.plant.config.source)
+    before = file.read_text(encoding="utf-8")
+    try:
+        page.click("[data-configuration=compare]")
+        box.check()
+        file.write_text(before.replace("Feed pump", "Boiler pump"), encoding="utf-8")
+        panel.locator(".button.main").click()
+        expect(panel.locator(".notice.warning")).to_have_text(i18n.text("page.reload_outdated", language))
+        expect(panel.locator(".notice.good")).to_contain_text("pump-2")
+        expect(box).to_be_enabled()
+        expect(box).not_to_be_checked()
+        assert stage.view("pump-2")["title"]["en"] == "Feed pump"
+        page.click("[data-configuration=compare]")
+        expect(panel.locator(".notice.warning")).to_have_count(0)
+    finally:
+        file.write_text(before, encoding="utf-8")
+
+
+def test_the_result_of_a_check_is_not_shown_beside_a_text_that_was_edited_meanwhile(visit: Any, expect: Any) -> None:
+    page = visit("#/settings?tab=configuration", role="administrator")
+    held: list[Any] = []
+    page.route("**/api/v1/configuration/check", lambda request: held.append(request), times=1)
+    page.click("[data-configuration=check]")
+    page.wait_for_timeout(100)
+    page.fill("textarea", "[plant")
+    [request] = held
+    with page.expect_response("**/api/v1/configuration/check"):
+        request.continue_()
+    page.wait_for_timeout(200)
+    assert page.locator(".panel .notice").count() == 0
+    page.click("[data-configuration=check]")
+    expect(page.locator(".panel .notice.bad")).to_be_visible()
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
 def test_the_dialog_and_the_record_of_a_shelved_bus_alarm_name_the_bus(
     stage: Stage, visit: Any, expect: Any, language: str
 ) -> None:
@@ -497,11 +539,12 @@ def test_the_dialog_and_the_record_of_a_shelved_bus_alarm_name_the_bus(
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_on_a_phone_a_date_of_a_table_is_not_broken_at_its_hyphens(stage: Stage, visit: Any, language: str) -> None:
     trip(stage, "fan-3")
-    page = visit("#/drive/fan-3?tab=faults", language=language, role="administrator", size=(360, 740))
+    page = visit("#/fleet", language=language, role="administrator", size=(360, 740))
     broken = {}
     for way in ("drive/fan-3?tab=faults", "settings", "settings?tab=users"):
+        page.locator("td.time").evaluate_all("all => all.forEach((one) => one.classList.remove('time'))")
         page.evaluate("way => { location.hash = '#/' + way; }", way)
-        page.locator("td.time").first.wait_for()
+        page.locator("td.time").first.wait_for()  # of the new page: those of the old one are no longer found
         heights = page.locator("td.time").evaluate_all(TEXT_LINES)
         broken[way] = [lines for lines in heights if lines > 2]
     assert broken == {way: [] for way in broken}

@@ -417,6 +417,18 @@ def test_no_sound_is_tried_before_the_first_key_on_the_page(page: Any) -> None:
     assert page.evaluate("window.tried") == 1
 
 
+def test_the_sound_that_one_tab_turns_off_is_off_in_every_tab_of_the_browser(visit: Any) -> None:
+    """The button said "off in this browser", and another tab went on to sound."""
+    page = visit("#/settings")
+    other = page.context.new_page()
+    other.goto(page.url)
+    other.locator("[data-do=sound]").wait_for()
+    for is_on in ("false", "true"):
+        page.click("[data-do=sound]")
+        for tab in (page, other):
+            tab.locator(f"[data-do=sound][aria-pressed={is_on}]").wait_for()
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_after_a_reload_the_sound_button_says_that_the_browser_waits_for_a_click(visit: Any, language: str) -> None:
     """Regression: it said that the sound is on, and no alarm sounded. The click that permits it turns nothing off."""

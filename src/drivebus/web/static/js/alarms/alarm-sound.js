@@ -7,7 +7,9 @@ const REPEAT_MS = 10_000;
 const TONES_HZ = [880, 660];
 const TONE_S = 0.25;
 
-export const isSoundOn = signal(loadPreference("sound", true) === true);
+const isChosen = () => loadPreference("sound", true) === true;
+
+export const isSoundOn = signal(isChosen());
 const hasBeenUsed = () => navigator.userActivation?.hasBeenActive !== false;
 
 /** Whether this browser lets the page sound: only after the user's first click or key on it, also after a reload. */
@@ -37,9 +39,13 @@ export function play() {
   });
 }
 
-/** Sound at once for a new urgent alarm and every ten seconds until all are acknowledged or shelved. */
+/**
+ * Sound at once for a new urgent alarm and every ten seconds until all are acknowledged or shelved. The choice of one tab
+ * holds in every tab of the browser, as the button says.
+ */
 export function startAlarmSound() {
   let known = new Set();
+  addEventListener("storage", () => { isSoundOn.value = isChosen(); });
   for (const name of ["click", "keydown"]) addEventListener(name, () => { isSoundPermitted.value = hasBeenUsed(); });
   effect(() => {
     const urgent = isSoundOn.value ? urgentAlarms() : [];

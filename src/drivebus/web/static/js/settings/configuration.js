@@ -5,7 +5,8 @@ import { api } from "../api.js";
 import { isLive } from "../live.js";
 import { Button, ErrorNote, Field, Loading, Notice, useRequest, useLoaded } from "../ui.js";
 
-const checkText = (text) => api.post("/configuration/check", { text }, { timeout_ms: 60_000 });
+/** Result of a check, with the text that was checked. */
+const checkText = async (text) => ({ text, ...await api.post("/configuration/check", { text }, { timeout_ms: 60_000 }) });
 
 export function Configuration() {
   const [found, error, reload] = useLoaded(() => api.get("/configuration"), []);
@@ -26,7 +27,7 @@ function Check({ text, onChange, isChanged, onBack }) {
     <div class="row"><${Button} busy=${busy} onClick=${() => execute(() => checkText(text))}
       data-configuration="check">${t("page.check")}<//>
       <${Button} disabled=${!isChanged} onClick=${() => { clear(); onBack(); }}>${t("page.back_to_file")}<//></div>
-    <${ErrorNote} error=${error} />${result && html`<${CheckResult} result=${result} />`}`;
+    <${ErrorNote} error=${error} />${result?.text === text && html`<${CheckResult} result=${result} />`}`;
 }
 
 /** Errors with line, found, expected and remedy; without errors the changes that a reload would apply. */
@@ -57,18 +58,24 @@ async function checkFile() {
 
 function Reload({ onDone }) {
   const [sure, setSure] = useState(false);
+  const [isOutdated, setOutdated] = useState(false);
   const [execute, busy, error, result, clear] = useRequest();
   const [compare, comparing, compareError, compared, forget] = useRequest();
   const canReload = compared !== null && (compared.diagnostics ?? []).length === 0;
-  const read = () => { clear(); setSure(false); compare(checkFile); };
+  const read = () => { clear(); setSure(false); setOutdated(false); return compare(checkFile); };
   const send = async () => {
-    setSure(false);
+    const before = JSON.stringify(compared);
+    const now = await read();
+    if (now === null) return;
+    if (JSON.stringify(now) !== before) { setOutdated(true); return; }
     forget();
     if (await execute(() => api.post("/configuration/reload", {}, { timeout_ms: 60_000 }))) onDone();
   };
   return html`<section class="panel stack"><h2>${t("page.reload")}</h2><p>${t("page.reload_how")}</p>
-    <div class="row"><${Button} busy=${comparing} onClick=${read} data-configuration="compare">${t("page.reload_compare")}<//></div>
-    <${ErrorNote} error=${compareError} />${compared && html`<${CheckResult} result=${compared} />`}
+    <div class="row"><${Button} busy=${comparing || busy} onClick=${read}
+      data-configuration="compare">${t("page.reload_compare")}<//></div>
+    <${ErrorNote} error=${compareError} />${isOutdated && html`<${Notice} kind="warning" live>${t("page.reload_outdated")}<//>`}
+    ${compared && html`<${CheckResult} result=${compared} />`}
     <label class="check"><input type="checkbox" checked=${sure} disabled=${!canReload}
       onChange=${(event) => setSure(event.target.checked)} />${t("page.reload_sure")}</label>
     <div class="row"><${Button} kind="main" busy=${busy} disabled=${!sure || !isLive.value}
