@@ -128,7 +128,7 @@ def test_a_group_does_not_start_while_a_follower_is_known_to_be_offline() -> Non
     run(scenario())
 
 
-def test_a_member_whose_replies_are_not_accepted_is_not_said_to_be_silent_where_its_group_is_refused() -> None:
+def test_a_member_whose_replies_are_not_accepted_is_not_called_silent_where_its_group_is_refused() -> None:
     async def scenario() -> None:
         async with running_service(plant_config(groups=(replace(GROUP, ratios={}),))) as kit:
             await asyncio.sleep(2)

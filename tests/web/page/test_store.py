@@ -418,7 +418,7 @@ def test_no_sound_is_tried_before_the_first_key_on_the_page(page: Any) -> None:
 
 
 def test_the_sound_that_one_tab_turns_off_is_off_in_every_tab_of_the_browser(visit: Any) -> None:
-    """The button said "off in this browser", and another tab went on to sound."""
+    """The button showed "off in this browser", and another tab went on to sound."""
     page = visit("#/settings")
     other = page.context.new_page()
     other.goto(page.url)
