@@ -82,6 +82,7 @@ async def _attached(
     try:
         return await _watch(bus, drive, shutdown, watch)
     except ControlNotHeld:
+        _end_line()
         raise
     except DrivebusError as error:
         _end_line()
