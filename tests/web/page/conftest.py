@@ -18,6 +18,7 @@ ALLOWED_NOISE = (
     "ERR_FAILED",
     "401 (Unauthorized)",
     "403 (Forbidden)",
+    "422 (Unprocessable Entity)",  # the reload of a file with errors
     "503 (Service Unavailable)",
     "500 (Internal Server Error)",  # a server that ends aborts a request after its timeout
     "504 (Gateway Timeout)",  # a stop that is not confirmed in its time

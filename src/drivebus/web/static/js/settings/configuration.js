@@ -56,12 +56,12 @@ async function checkFile() {
   return checkText(text);
 }
 
+/** Errors of the check forbid no reload: it refuses them itself, and may read profiles that the check may not. */
 function Reload({ onDone }) {
   const [sure, setSure] = useState(false);
   const [isOutdated, setOutdated] = useState(false);
   const [execute, busy, error, result, clear] = useRequest();
   const [compare, comparing, compareError, compared, forget] = useRequest();
-  const canReload = compared !== null && (compared.diagnostics ?? []).length === 0;
   const read = () => { clear(); setSure(false); setOutdated(false); return compare(checkFile); };
   const send = async () => {
     const before = JSON.stringify(compared);
@@ -76,7 +76,7 @@ function Reload({ onDone }) {
       data-configuration="compare">${t("page.reload_compare")}<//></div>
     <${ErrorNote} error=${compareError} />${isOutdated && html`<${Notice} kind="warning" live>${t("page.reload_outdated")}<//>`}
     ${compared && html`<${CheckResult} result=${compared} />`}
-    <label class="check"><input type="checkbox" checked=${sure} disabled=${!canReload}
+    <label class="check"><input type="checkbox" checked=${sure} disabled=${compared === null}
       onChange=${(event) => setSure(event.target.checked)} />${t("page.reload_sure")}</label>
     <div class="row"><${Button} kind="main" busy=${busy} disabled=${!sure || !isLive.value}
       onClick=${send}>${t("page.reload")}<//></div>
