@@ -52,6 +52,14 @@ async def until_turning(bench: SimulatedDrives, task: asyncio.Future[Any]) -> No
     assert bench.station().motor.energised
 
 
+async def calibrating(bench: SimulatedDrives) -> tuple[Drive, asyncio.Future[Any]]:
+    """Return a DZB100 and the task of its calibration run, whose motor turns."""
+    drive = bench.drive(options={"query_coding": "hex-0.1"})
+    task = asyncio.ensure_future(drive.calibrate("setpoint_coding"))
+    await until_turning(bench, task)
+    return drive, task
+
+
 async def jogging(drive: Any) -> None:
     async with drive.jog(JOG_HZ.get(drive.profile.model)) as lease:
         while True:
@@ -90,9 +98,7 @@ def test_a_jog_whose_stop_is_lost_with_the_adapter_ends_when_the_adapter_is_back
 def test_a_cancelled_calibration_run_is_stopped() -> None:
     async def scenario() -> None:
         async with SimulatedDrives("dzb100") as bench:
-            drive = bench.drive(options={"query_coding": "hex-0.1"})
-            task = asyncio.ensure_future(drive.calibrate("setpoint_coding"))
-            await until_turning(bench, task)
+            drive, task = await calibrating(bench)
             await asyncio.sleep(1.0)
             task.cancel()
             with pytest.raises(asyncio.CancelledError):
@@ -109,9 +115,7 @@ def test_a_calibration_run_whose_replies_are_lost_ends_with_a_stop_and_says_how_
 
     async def scenario() -> None:
         async with SimulatedDrives("dzb100") as bench:
-            drive = bench.drive(options={"query_coding": "hex-0.1"})
-            task = asyncio.ensure_future(drive.calibrate("setpoint_coding"))
-            await until_turning(bench, task)
+            drive, task = await calibrating(bench)
             await asyncio.sleep(2.5)
             bench.station().faults.mute, bench.station().faults.silent = obeys, not obeys
             with pytest.raises(TargetNotReached) as caught:
