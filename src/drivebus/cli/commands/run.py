@@ -81,11 +81,10 @@ async def _attached(
     watch = RunWatch(frequency_hz, direction or Direction.FORWARD, bus.now())
     try:
         return await _watch(bus, drive, shutdown, watch)
-    except ControlNotHeld:
-        _end_line()
-        raise
     except DrivebusError as error:
         _end_line()
+        if isinstance(error, ControlNotHeld):
+            raise
         return report_error(error)
 
 

@@ -14,8 +14,8 @@ export const may = (right) => (session.value?.rights ?? []).includes(right);
 export const isMine = (lease) => lease !== null && lease !== undefined && lease.session === session.value?.session;
 
 /**
- * Load the session, again where it has changed meanwhile: unlocking replaces the cookie, and an answer to the old one says
- * that nobody is logged in. Raises ApiError when the server cannot be reached.
+ * Load the session, again where it has changed meanwhile: unlocking replaces the cookie, and an answer to the old cookie
+ * is out of date. Raises ApiError when the server cannot be reached.
  */
 export async function loadSession() {
   const before = session.peek();
