@@ -206,19 +206,19 @@ def _build_fault(code: int, parsed: Any) -> m.FaultEntry:
 
 
 def _build_modbus(parsed: ProfileIn) -> m.ModbusFeatures | None:
-    rule = parsed.modbus
-    if rule is None:
+    modbus = parsed.modbus
+    if modbus is None:
         return None
     return m.ModbusFeatures(
-        functions=tuple(rule.functions),
-        max_read=rule.max_read,
-        error_form=rule.error_form,
-        loopback=rule.loopback,
-        word_order=rule.word_order,
-        blocks=tuple((first, count) for first, count in rule.blocks),
-        reply_count_bytes=rule.reply_count_bytes,
-        rejected_read=rule.rejected_read,
-        sync_block=(rule.sync_block[0], rule.sync_block[1]) if rule.sync_block else None,
+        functions=tuple(modbus.functions),
+        max_read=modbus.max_read,
+        error_form=modbus.error_form,
+        loopback=modbus.loopback,
+        word_order=modbus.word_order,
+        blocks=tuple((first, count) for first, count in modbus.blocks),
+        reply_count_bytes=modbus.reply_count_bytes,
+        rejected_read=modbus.rejected_read,
+        sync_block=(modbus.sync_block[0], modbus.sync_block[1]) if modbus.sync_block else None,
     )
 
 

@@ -188,16 +188,18 @@ def _check_standstill(profile: ProfileIn) -> Iterator[Issue]:
 
 
 def _check_modbus(profile: ProfileIn) -> Iterator[Issue]:
-    """Check that the model has a function to write one register, and one to read."""
-    functions = profile.modbus.functions if profile.modbus else []
-    if profile.modbus is not None and not {6, 16} & set(functions):
+    """Check that the model can write a register, read one where it claims to, and answer a sync probe."""
+    modbus = profile.modbus
+    functions = modbus.functions if modbus else []
+    if modbus is not None and not {6, 16} & set(functions):
         yield issue("missing_key", ("modbus", "functions"), Text.join_names(map(str, functions)), name="6 / 16")
     if "read" in profile.capabilities and 3 not in functions:
         related = (("modbus", "functions"),)
         yield issue("needs", ("capabilities",), "read", related=related, what="[modbus] functions 3")
-    rule = profile.modbus
-    has_probe = rule is not None and (rule.loopback or rule.rejected_read is not None or rule.sync_block is not None)
-    if rule is not None and not has_probe and not _has_sync_registers(profile):
+    if modbus is None:
+        return
+    has_probe = modbus.loopback or modbus.rejected_read is not None or modbus.sync_block is not None
+    if not has_probe and not _has_sync_registers(profile):
         yield issue("sync_registers", ("modbus", "loopback"), "false", related=(("modbus",),))
 
 
@@ -271,7 +273,7 @@ def _check_options(profile: ProfileIn) -> Iterator[Issue]:
 
 
 def _is_described(option: OptionIn) -> bool:
-    """Whether a profile describes the option; otherwise the value is that of a misspelled name."""
+    """Return whether a profile describes the option; otherwise the value is that of a misspelled name."""
     return None not in (option.text, option.reason, option.procedure)
 
 

@@ -75,35 +75,36 @@ def check_access(profile: ProfileIn) -> Iterator[Issue]:
 
 def _check_replies(profile: ProfileIn) -> Iterator[Issue]:
     """Check that replies which deviate from the standard are those of RTU, and can't be mistaken for each other."""
-    rule = profile.modbus
-    if rule is None:
+    modbus = profile.modbus
+    if modbus is None:
         return
     other = next((encoding for encoding in profile.encodings if encoding != "rtu"), None)
     for name in ("reply_count_bytes", "rejected_read"):
-        if other is not None and getattr(rule, name) not in (1, None):
-            yield issue("no_effect_beside", ("modbus", name), getattr(rule, name), other=f'encodings "{other}"')
-    if rule.reply_count_bytes > 1 and rule.error_form == "short":
+        if other is not None and getattr(modbus, name) not in (1, None):
+            yield issue("no_effect_beside", ("modbus", name), getattr(modbus, name), other=f'encodings "{other}"')
+    if modbus.reply_count_bytes > 1 and modbus.error_form == "short":
         yield issue("no_effect_beside", ("modbus", "reply_count_bytes"), 2, other='error_form = "short"')
-    if rule.rejected_read is None:
+    if modbus.rejected_read is None:
         return
-    if rule.loopback:
-        yield issue("no_effect_beside", ("modbus", "rejected_read"), rule.rejected_read, other="loopback = true")
-    if rule.rejected_read <= rule.max_read:
+    if modbus.loopback:
+        yield issue("no_effect_beside", ("modbus", "rejected_read"), modbus.rejected_read, other="loopback = true")
+    if modbus.rejected_read <= modbus.max_read:
         path: KeyPath = ("modbus", "rejected_read")
-        yield issue("range", path, rule.rejected_read, related=(("modbus", "max_read"),), bound=f"> {rule.max_read}")
+        related = (("modbus", "max_read"),)
+        yield issue("range", path, modbus.rejected_read, related=related, bound=f"> {modbus.max_read}")
     if profile.status is not None and profile.status.space in BIT_SPACES:
         other = f'status.space = "{profile.status.space}"'
-        yield issue("no_effect_beside", ("modbus", "rejected_read"), rule.rejected_read, other=other)
+        yield issue("no_effect_beside", ("modbus", "rejected_read"), modbus.rejected_read, other=other)
 
 
 def _check_blocks(profile: ProfileIn) -> Iterator[Issue]:
     """Check that each block can be read at once, and that its reply does not look like that to a sync probe."""
-    rule = profile.modbus
+    modbus = profile.modbus
     taken: dict[int, int] = {}
-    for place, (first, count) in enumerate(rule.blocks if rule else []):
+    for place, (first, count) in enumerate(modbus.blocks if modbus else []):
         path: KeyPath = ("modbus", "blocks", place)
-        low = 2 if rule is not None and rule.loopback else SYNC_READ_COUNT + 1
-        high = min(rule.max_read if rule is not None else 0, 0x10000 - first)
+        low = 2 if modbus is not None and modbus.loopback else SYNC_READ_COUNT + 1
+        high = min(modbus.max_read if modbus is not None else 0, 0x10000 - first)
         if not low <= count <= high:
             yield issue("range", path, count, related=(("modbus", "blocks"),), bound=f"{low} - {high}")
         for register in range(first, first + count):
@@ -111,20 +112,20 @@ def _check_blocks(profile: ProfileIn) -> Iterator[Issue]:
                 other = f"[modbus] blocks {taken[register] + 1}"
                 yield issue("duplicate", path, f"{register:04X}H", related=(("modbus", "blocks"),), other=other)
                 break
-    if rule is not None and rule.sync_block is not None:
-        yield from _check_sync_block(rule, rule.sync_block)
+    if modbus is not None and modbus.sync_block is not None:
+        yield from _check_sync_block(modbus, modbus.sync_block)
 
 
-def _check_sync_block(rule: ModbusIn, block: list[int]) -> Iterator[Issue]:
+def _check_sync_block(modbus: ModbusIn, block: list[int]) -> Iterator[Issue]:
     """Check that the sync probe is the read of a block by function 04."""
     at: KeyPath = ("modbus", "sync_block")
-    if READ_FUNCTIONS["input"] not in rule.functions:
+    if READ_FUNCTIONS["input"] not in modbus.functions:
         yield _needs_function(at, "input")
-    if block not in rule.blocks:
-        choices = tuple(map(str, rule.blocks)) or "-"
+    if block not in modbus.blocks:
+        choices = tuple(map(str, modbus.blocks)) or "-"
         yield issue("choice", at, block, related=(("modbus", "blocks"),), choices=choices)
-    if rule.loopback or rule.rejected_read is not None:
-        yield issue("no_effect_beside", at, block, other="loopback" if rule.loopback else "rejected_read")
+    if modbus.loopback or modbus.rejected_read is not None:
+        yield issue("no_effect_beside", at, block, other="loopback" if modbus.loopback else "rejected_read")
 
 
 def check_codes(profile: ProfileIn) -> Iterator[Issue]:
@@ -172,14 +173,14 @@ def _check_entry(profile: ProfileIn, path: KeyPath, entry: SignalIn | ParameterI
 
 def _check_pair(profile: ProfileIn, path: KeyPath, *, written: bool) -> Iterator[Issue]:
     """Check a number in two registers: read in one frame that no sync probe looks like, written in one frame."""
-    rule = profile.modbus
-    if rule is None:
+    modbus = profile.modbus
+    if modbus is None:
         return
-    if not rule.loopback:
+    if not modbus.loopback:
         yield issue("access", path, 2, related=(("modbus", "loopback"),), what="[modbus] loopback")
-    if rule.max_read < 2:
+    if modbus.max_read < 2:
         yield issue("access", path, 2, related=(("modbus", "max_read"),), what="[modbus] max_read 2")
-    if written and WRITE_REGISTERS not in rule.functions:
+    if written and WRITE_REGISTERS not in modbus.functions:
         yield _needs_function(path, 2, WRITE_REGISTERS)
 
 

@@ -108,7 +108,7 @@ def _find_identical_commands(placed: BitPaths) -> Iterator[Issue]:
 
 
 def _find_moving_stops(placed: BitPaths) -> Iterator[Issue]:
-    """Yield stops whose word related starts or jogs: a stop is sent without a permit."""
+    """Yield stops whose word also starts or jogs: a stop is sent without a permit."""
     for stop, move in ((s, m) for s in STOP_COMMANDS for m in MOTION_COMMANDS if s in placed and m in placed):
         (path, bit), (at, moving) = placed[stop], placed[move]
         if moving.value and bit.value & moving.mask == moving.value and not (bit.pulse and moving.pulse):

@@ -111,6 +111,7 @@ class Issue:
 def issue(
     kind: str, path: Sequence[str | int], found: Any, /, *, related: Sequence[KeyPath] = (), **params: Any
 ) -> Issue:
+    """Return an issue of the value ``found`` at ``path``; ``params`` complete its sentence."""
     return Issue(kind, tuple(path), found, params, tuple(related))
 
 

@@ -509,7 +509,7 @@ class DriveProfile:
     fault_text: Text | None = None
     """Text of such a code, with the parameter ``{code}``."""
     evidence: Mapping[str, Evidence] = field(default_factory=dict)
-    """Origin of whole sections: line, timing, limits, setpoint, write, comm_loss, commands, status, modbus."""
+    """Name of a section of the file, such as "serial" → origin of all its facts."""
 
     def fault(self, code: int) -> FaultEntry:
         """Return the entry of a fault code; an unpublished code gets the general label and text."""

@@ -40,7 +40,7 @@ from drivebus.protocols.family import Locator
 REQUEST_SPACES: Final = SPACES | {5: "coil", 15: "coil"}
 """Function of a request to the space of its addresses; holding registers for all others."""
 DIRECTION_TOGGLE: Final = 0x000C
-"""FrameDirection field of DF800 register 2000H, bits 2 and 3: both set change the direction."""
+"""Direction field of DF800 register 2000H, bits 2 and 3: both set change the direction."""
 JOG_START: Final = 0x0003
 """Run field of DF800 register 2000H, bits 0 and 1: both set jog, in the direction of the direction field."""
 
@@ -49,9 +49,9 @@ def describe(
     profile: DriveProfile, data: bytes, encoding: str, direction: FrameDirection | None, request: bytes | None
 ) -> FrameDescription:
     """Describe a frame. A misprinted reply of the manual shows the fields that were meant, and stays invalid."""
-    rule = profile.modbus or ModbusFeatures()
-    description = modbus.describe(data, encoding, direction, request, rule.error_form, rule.reply_count_bytes)
-    sent = {} if request is None else modbus.describe(request, encoding, "request", None, rule.error_form).fields
+    features = profile.modbus or ModbusFeatures()
+    description = modbus.describe(data, encoding, direction, request, features.error_form, features.reply_count_bytes)
+    sent = {} if request is None else modbus.describe(request, encoding, "request", None, features.error_form).fields
     misprint = misprint_of(profile.model, data)
     annotated = _annotate(profile, description, sent)
     if misprint is None:
@@ -111,12 +111,12 @@ def _is_known_register(profile: DriveProfile, space: str, register: int) -> bool
 
 def _model_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Note]:
     """Report functions, counts and registers that the manual of this model does not have."""
-    notes, rule = _access_errata(profile, fields), profile.modbus
+    notes, features = _access_errata(profile, fields), profile.modbus
     function, count = fields.get("function"), fields.get("count", 1)
-    if rule and function is not None and function not in rule.functions:
-        notes.append(note("explain.function", model=profile.model, found=function, expected=rule.functions))
-    if rule and function in (3, 4) and count > rule.max_read and count != rule.rejected_read:
-        notes.append(note("explain.too_many", model=profile.model, found=count, expected=rule.max_read))
+    if features and function is not None and function not in features.functions:
+        notes.append(note("explain.function", model=profile.model, found=function, expected=features.functions))
+    if features and function in (3, 4) and count > features.max_read and count != features.rejected_read:
+        notes.append(note("explain.too_many", model=profile.model, found=count, expected=features.max_read))
     if "register" in fields:
         register, _ = _strip_eeprom_bit(profile, fields["register"])
         space = REQUEST_SPACES.get(function or 0, "holding")
@@ -186,7 +186,7 @@ def _recognised_fields(profile: DriveProfile, fields: Mapping[str, Any]) -> Fiel
     """Return what a write of coils or of several registers means."""
     changes = _changes(fields)
     commands = profile.commands.resolved(profile.options) if profile.commands else None
-    rule = profile.modbus or ModbusFeatures()
+    features = profile.modbus or ModbusFeatures()
     added = FieldDict()
     place = 0
     for write in ModbusWrites(0, profile, commands).recognise(changes) or ():
@@ -200,7 +200,7 @@ def _recognised_fields(profile: DriveProfile, fields: Mapping[str, Any]) -> Fiel
             case UnlockWrite():
                 added |= FieldDict(commands=["unlock"])
             case ParameterWrite(parameter=parameter):
-                number = join_words((value for _, _, value in changes[place : place + write.width]), rule)
+                number = join_words((value for _, _, value in changes[place : place + write.width]), features)
                 added |= quantity_fields(parameter, number)
         place += write.width
     return added

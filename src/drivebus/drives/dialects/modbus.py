@@ -12,6 +12,7 @@ from typing import Any
 from drivebus.bus.messages import RetryPolicy
 from drivebus.drives.dialects.base import (
     DEFAULT_NONCE_START,
+    DEFAULT_POLL_PERIOD_S,
     CommandFrame,
     Dialect,
     Identity,
@@ -86,23 +87,23 @@ class ModbusDialect(Dialect):
         """``nonce_start``: first number of the loop-backs that serve as sync probes."""
         super().__init__(profile, address, options)
         self._nonce_start = nonce_start
-        self._rule: ModbusFeatures = profile.modbus or ModbusFeatures()
-        form, most = self._rule.error_form, self._rule.max_read
+        self._features: ModbusFeatures = profile.modbus or ModbusFeatures()
+        form, most = self._features.error_form, self._features.max_read
         ascii_codec = ModbusAsciiCodec(form, most, tolerate_leading_noise=timing.tolerate_leading_noise)
         rtu_codec = ModbusRtuCodec(
-            form, most, count_bytes=self._rule.reply_count_bytes, rejected_read=self._rule.rejected_read or 0
+            form, most, count_bytes=self._features.reply_count_bytes, rejected_read=self._features.rejected_read or 0
         )
         self.codec: Codec = ascii_codec if encoding == "ascii" else rtu_codec
         self.status_map: StatusMap | None = profile.status
         self.command_word = self._make_command_word()
         self._writes = ModbusWrites(address, profile, self._commands)
-        self._sync_spans = () if self._rule.loopback or self._rule.rejected_read else sync_spans(profile)
+        self._sync_spans = () if self._features.loopback or self._features.rejected_read else sync_spans(profile)
         self._sync_span = self._sync_spans[0] if self._sync_spans else None
         self._signals = _signals_by_locator(profile)
         self._status_span = status_span(profile.status) if profile.status else None
         self._identity_span = _identity_span(profile)
         self._sync_count = 0
-        self._is_model_open = profile.needs_model_check
+        self._needs_model_check = profile.needs_model_check
         self._is_status_shown = False
         status = profile.status
         self._fault_names = tuple(f"fault_{place}" for place in range(len(status.fault_registers) if status else 0))
@@ -181,10 +182,10 @@ class ModbusDialect(Dialect):
         return self._sync_request_at(2 * self._sync_count + 1)
 
     def _sync_request_at(self, n: int) -> Any:
-        if self._rule.loopback:
+        if self._features.loopback:
             return Diagnostics(self.address, (self._nonce_start + n * LOOPBACK_NONCE_STEP) & 0xFFFF)
-        if self._rule.rejected_read:
-            return replace(self.echo_test_read(), count=self._rule.rejected_read)
+        if self._features.rejected_read:
+            return replace(self.echo_test_read(), count=self._features.rejected_read)
         return self._sync_spans[n // 2 % len(self._sync_spans)].request(self.address)
 
     def is_valid_sync_reply(self, reply: Any) -> bool:
@@ -192,20 +193,20 @@ class ModbusDialect(Dialect):
 
         The codec accepts an error as the reply to a read that the drive rejects only with the code of no other read.
         """
-        if self._rule.rejected_read:
+        if self._features.rejected_read:
             return isinstance(reply, ExceptionReply)
         return isinstance(reply, (DiagnosticsReply, RegisterValues))
 
     def needs_sync(self, request: Any) -> bool:
-        """A read's reply names neither register nor value."""
+        """Return True for a read, whose reply names neither register nor value."""
         return isinstance(request, ReadRegisters | ReadBits)
 
     def model_check(self) -> Any | None:
-        """The word that stops this model may start another one, so its status is read before the first command.
+        """Return the read of the status before the first command: the stop of this model may start another one.
 
-        So is its identity register, where another model has the same states at the same address.
+        Then that of the identity register, where another model has the same states at the same address.
         """
-        if not self._is_model_open:
+        if not self._needs_model_check:
             return None
         if self._identity_span is not None and self._is_status_shown:
             return self._read(self._identity_span)
@@ -231,7 +232,7 @@ class ModbusDialect(Dialect):
 
     def _read(self, span: Span) -> ReadRequest:
         """Return the read of a span, or of the block that has it and is read only as a whole."""
-        return whole_span(span, self._rule).request(self.address)
+        return whole_span(span, self._features).request(self.address)
 
     def fault_reads(self) -> tuple[Any, ...]:
         """Return the reads that name the fault once the status word reports one."""
@@ -242,9 +243,10 @@ class ModbusDialect(Dialect):
         """Merge signals of similar periods into one read where their registers touch."""
         wanted: dict[Span, float] = {}
         if self.status_map is not None and self._status_span is not None:
-            wanted[self._status_span] = 0.5
+            wanted[self._status_span] = DEFAULT_POLL_PERIOD_S
             if not self.status_map.shows_fault:
-                wanted |= {Span("holding", register): 0.5 for register in self.status_map.fault_registers}
+                registers = self.status_map.fault_registers
+                wanted |= {Span("holding", register): DEFAULT_POLL_PERIOD_S for register in registers}
         for name in names:
             signal = self.profile.signals.get(name)
             if signal is not None:
@@ -253,7 +255,7 @@ class ModbusDialect(Dialect):
         return self._merged_reads(wanted)
 
     def _merged_reads(self, wanted: dict[Span, float]) -> tuple[tuple[ReadRequest, float], ...]:
-        merged = merge_reads(wanted, self._rule, self._sync_span)
+        merged = merge_reads(wanted, self._features, self._sync_span)
         return tuple((span.request(self.address), period) for span, period in merged)
 
     def decode_readings(self, request: Any, reply: Any, at: float | None) -> Readings:
@@ -266,7 +268,7 @@ class ModbusDialect(Dialect):
         found: dict[str, Reading] = {}
         for locator in values:
             for signal, span in self._signals.get(locator, ()):
-                raw = span_value(span, values, self._rule)
+                raw = span_value(span, values, self._features)
                 if raw is not None:
                     found[signal.name] = signal_reading(signal, raw, at)
         if self.status_map is not None and self._status_span is not None:
@@ -275,7 +277,7 @@ class ModbusDialect(Dialect):
         self._is_status_shown = self._is_status_shown or shows_status
         identity = self._identity_span
         if self._is_status_shown and (identity is None or read.covers(identity)):
-            self._is_model_open = False
+            self._needs_model_check = False
         return found
 
     def _rejected_readings(self, read: Span, reason: str) -> Readings:
@@ -293,7 +295,7 @@ class ModbusDialect(Dialect):
         self, status: StatusMap, span: Span, values: Mapping[Locator, int], at: float | None
     ) -> Readings:
         found: dict[str, Reading] = {}
-        raw = span_value(span, values, self._rule)
+        raw = span_value(span, values, self._features)
         if raw is not None:
             broken = not is_valid_status(status, raw)
             quality, reason = (Quality.BAD, "drives.reserved_bits") if broken else (Quality.GOOD, None)
@@ -336,7 +338,7 @@ class ModbusDialect(Dialect):
         return self._command_frames(self._require_command_word().start(direction))
 
     def _check_direction(self, direction: Direction | None) -> None:
-        """The order of the direction bits of a DF800 is undocumented until it is calibrated."""
+        """Raise StartInhibited until the order of a DF800's direction bits, which is undocumented, is calibrated."""
         if direction is not None and self.options.get("direction_calibrated") is False:
             raise StartInhibited("drives.direction_uncalibrated", direction=direction, model=self.profile.model)
 
@@ -409,7 +411,7 @@ class ModbusDialect(Dialect):
     def parameter_raw(self, reply: Any) -> int | None:
         if isinstance(reply, BitValues):
             return int(reply.values[0])
-        return join_words(reply.values, self._rule) if isinstance(reply, RegisterValues) else None
+        return join_words(reply.values, self._features) if isinstance(reply, RegisterValues) else None
 
     def names_parameter(self, reply: Any) -> bool:
         return True

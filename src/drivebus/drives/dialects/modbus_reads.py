@@ -54,9 +54,9 @@ def status_span(status: StatusMap) -> Span:
     return Span(status.space, status.register, status.bit_count if status.space in BIT_SPACES else 1)
 
 
-def whole_span(span: Span, rule: ModbusFeatures) -> Span:
+def whole_span(span: Span, features: ModbusFeatures) -> Span:
     """Return the block that has a span and is read only as a whole, else the span."""
-    blocks = (Span("holding", first, count) for first, count in rule.blocks)
+    blocks = (Span("holding", first, count) for first, count in features.blocks)
     return next((block for block in blocks if block.covers(span)), span)
 
 
@@ -71,7 +71,7 @@ def reply_values(request: ReadRequest, reply: RegisterValues | BitValues) -> dic
     return {(space, request.register + place): int(value) for place, value in enumerate(reply.values)}
 
 
-def span_value(span: Span, values: Mapping[Locator, int], rule: ModbusFeatures) -> int | None:
+def span_value(span: Span, values: Mapping[Locator, int], features: ModbusFeatures) -> int | None:
     """Return the number in a span: registers in the model's word order, coils with the first in the lowest bit.
 
     None where the values lack a part of it.
@@ -84,26 +84,26 @@ def span_value(span: Span, values: Mapping[Locator, int], rule: ModbusFeatures) 
         return None
     if span.space in BIT_SPACES:
         return sum(bit << place for place, bit in enumerate(parts))
-    return join_words(parts, rule)
+    return join_words(parts, features)
 
 
-def join_words(words: Iterable[int], rule: ModbusFeatures) -> int:
+def join_words(words: Iterable[int], features: ModbusFeatures) -> int:
     """Return the number in neighbouring registers, by the model's word order."""
-    ordered = list(words) if rule.word_order == "high_first" else list(words)[::-1]
+    ordered = list(words) if features.word_order == "high_first" else list(words)[::-1]
     number = 0
     for word in ordered:
         number = number << 16 | word
     return number
 
 
-def split_words(number: int, count: int, rule: ModbusFeatures) -> tuple[int, ...]:
+def split_words(number: int, count: int, features: ModbusFeatures) -> tuple[int, ...]:
     """Return the registers of a number, by the model's word order."""
     words = tuple(number >> 16 * place & 0xFFFF for place in reversed(range(count)))
-    return words if rule.word_order == "high_first" else words[::-1]
+    return words if features.word_order == "high_first" else words[::-1]
 
 
 def merge_reads(
-    wanted: Mapping[Span, float], rule: ModbusFeatures, sync: Span | None
+    wanted: Mapping[Span, float], features: ModbusFeatures, sync: Span | None
 ) -> tuple[tuple[Span, float], ...]:
     """Merge touching spans of a space into reads within the model's limit, at the shortest period of each run.
 
@@ -112,11 +112,11 @@ def merge_reads(
     runs: list[tuple[Span, float]] = []
     needed: dict[Span, float] = {}
     for span, period in wanted.items():
-        whole = whole_span(span, rule)
+        whole = whole_span(span, features)
         needed[whole] = min(needed.get(whole, period), period)
     for span, period in sorted(needed.items()):
         last = runs[-1] if runs else None
-        if last is not None and _can_merge(last, span, period, rule):
+        if last is not None and _can_merge(last, span, period, features):
             runs[-1] = _joined(last[0], span), min(last[1], period)
         else:
             runs.append((span, period))
@@ -127,14 +127,14 @@ def _joined(first: Span, second: Span) -> Span:
     return first._replace(length=max(first.end, second.end) - first.start)
 
 
-def _can_merge(run: tuple[Span, float], span: Span, period: float, rule: ModbusFeatures) -> bool:
+def _can_merge(run: tuple[Span, float], span: Span, period: float, features: ModbusFeatures) -> bool:
     """Return whether a span joins a run: two more bytes cost less than a frame, unless read far less often."""
     last, shortest = run
     if last.covers(span):
         return True
-    if any(one.space == "holding" and (one.start, one.length) in rule.blocks for one in (last, span)):
+    if any(one.space == "holding" and (one.start, one.length) in features.blocks for one in (last, span)):
         return False
-    limit = MAX_BITS if span.space in BIT_SPACES else rule.max_read
+    limit = MAX_BITS if span.space in BIT_SPACES else features.max_read
     touches = last.space == span.space and span.start <= last.end and _joined(last, span).length <= limit
     return touches and max(period, shortest) <= MAX_MERGE_PERIOD_RATIO * min(period, shortest)
 

@@ -11,12 +11,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from drivebus.drives.dialects.setpoint_speed import speed_scale
-from drivebus.drives.dialects.setpoint_step import UNCALIBRATED_CAP_HZ
+from drivebus.drives.dialects.setpoint_step import ROUNDING, UNCALIBRATED_CAP_HZ
 from drivebus.errors import LimitError
 from drivebus.profiles.model import MAXIMUM_FREQUENCY, DriveProfile, SetpointShare
 from drivebus.values import Scale
-
-ROUNDING = 1e-9  # part of a step by which a quotient of binary fractions may fall below its whole number
 
 
 def setpoint_scale(profile: DriveProfile, options: Mapping[str, Any]) -> Scale:

@@ -14,6 +14,8 @@ from drivebus.profiles.model import SETPOINT_STEP, UNDETERMINED, DriveProfile
 
 UNCALIBRATED_CAP_HZ = 5.0
 """Until the scale of the setpoint is determined, no raw word may mean more than this under any possible scale."""
+ROUNDING = 1e-9
+"""Part of a step by which a quotient of binary fractions may fall below its whole number."""
 
 
 def possible_steps_hz(profile: DriveProfile, options: Mapping[str, Any]) -> tuple[float, ...]:
@@ -34,7 +36,7 @@ def possible_steps_hz(profile: DriveProfile, options: Mapping[str, Any]) -> tupl
 
 def highest_safe_word(steps_hz: tuple[float, ...]) -> int:
     """Return the largest raw word that means at most 5 Hz under each of these steps."""
-    return int(UNCALIBRATED_CAP_HZ / max(steps_hz) + 1e-9)
+    return int(UNCALIBRATED_CAP_HZ / max(steps_hz) + ROUNDING)
 
 
 def check_setpoint_step(profile: DriveProfile, options: Mapping[str, Any], frequency_hz: float, word: int) -> None:
