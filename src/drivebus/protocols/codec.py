@@ -101,6 +101,13 @@ class Codec(Protocol):
         ...
 
 
+def check_range(name: str, value: int, low: int, high: int) -> int:
+    """Return the value of a field. Raises ValueError, as ``encode_request`` does, outside the limits."""
+    if not low <= value <= high:
+        raise ValueError(f"{name} {value}: expected {low} to {high}")
+    return value
+
+
 def canonical_request(codec: Codec, frame: bytes) -> Any | None:
     """Return the request of which ``codec`` sends exactly these bytes, None where there is none."""
     try:

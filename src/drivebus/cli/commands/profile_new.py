@@ -123,7 +123,8 @@ def _without_full_width(question: Question, text: str) -> str:
 
 def _expected(question: Question, answers: dict[str, str]) -> str:
     """Return what a question expects."""
-    from drivebus.commissioning.new_profile.questions import MAX_READ, most_registers, readable_registers
+    from drivebus.commissioning.new_profile.questions import most_registers, readable_registers
+    from drivebus.protocols.modbus.messages import MAX_READ
 
     params: dict[str, object] = {}
     match question.kind:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, TypeVar
 
+from drivebus.protocols.modbus.messages import MAX_READ
 from drivebus.serial_settings import SerialSettings
 
 T = TypeVar("T")
@@ -26,7 +27,6 @@ NUMBERING = ("hex", "decimal", "40001", "one")
 """How a manual numbers registers: hexadecimal or decimal as on the wire, or from 40001 or 1 for register 0."""
 LEAST_READ = 2
 """Registers in one read where the manual gives no number: the sync probe needs two."""
-MAX_READ = 125
 FIRST_REGISTER = {"decimal": 0, "40001": 40001, "one": 1}
 
 Kind = Literal[

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from drivebus.errors import AddressError, ChecksumError, CodeError, EchoError, HeaderError
 from drivebus.protocols.checksum import decimal_digits, decimal_value, hex_digits, hex_value
-from drivebus.protocols.codec import Complete, DecodeResult, Effect, Incomplete, canonical_request
+from drivebus.protocols.codec import Complete, DecodeResult, Effect, Incomplete, canonical_request, check_range
 from drivebus.protocols.dzb100.messages import (
     BROADCAST,
     COMMAND_BY_CODE,
@@ -49,11 +49,11 @@ class Dzb100Codec:
         Raises ValueError for a field out of range, for address 0 without ``broadcast`` or the reverse, and for a
         reset with a frequency.
         """
-        everyone = _is_broadcast(request)
-        low, high = (BROADCAST, BROADCAST) if everyone else (1, LAST_ADDRESS)
-        _check_range("address", request.address, low, high)
+        is_broadcast = _is_broadcast(request)
+        low, high = (BROADCAST, BROADCAST) if is_broadcast else (1, LAST_ADDRESS)
+        check_range("address", request.address, low, high)
         return _frame(
-            request.head, MARK_ALL if everyone else MARK_ONE, request.address, _index(request), _data(request)
+            request.head, MARK_ALL if is_broadcast else MARK_ONE, request.address, _index(request), _data(request)
         )
 
     def encode_reply(self, reply: Dzb100Reply) -> bytes:
@@ -154,18 +154,13 @@ def _index(request: Dzb100Request) -> int:
             raise ValueError(f"a reset takes no frequency, {request.data} given")
         return request.index
     limit = LAST_QUERY_ITEM if isinstance(request, Dzb100Query) else LAST_PARAMETER
-    _check_range("item" if isinstance(request, Dzb100Query) else "parameter", request.index, 0, limit)
+    check_range("item" if isinstance(request, Dzb100Query) else "parameter", request.index, 0, limit)
     return request.index
 
 
 def _data(request: Dzb100Request) -> int:
     stop = isinstance(request, Dzb100Control) and request.command in (Dzb100Command.STOP, Dzb100Command.STOP_2)
     return 0 if stop else request.data
-
-
-def _check_range(name: str, value: int, low: int, high: int) -> None:
-    if not low <= value <= high:
-        raise ValueError(f"{name} {value}: expected {low} to {high}")
 
 
 def _parse_request(head: int, mark: int, address: int, index: int, word: int) -> Dzb100Request:

@@ -20,8 +20,10 @@ ADDRESSES: Final = range(1, 248)
 """Stations; 248-255 are reserved (Serial Line V1.02, 2.2)."""
 MAX_READ: Final = 125
 MAX_WRITE: Final = 123
+"""Most registers of one request (V1.1b3, 6.3 and 6.12)."""
 MAX_READ_BITS: Final = 2000
 MAX_WRITE_BITS: Final = 1968
+"""Most coils of one request (V1.1b3, 6.1 and 6.11)."""
 
 ILLEGAL_FUNCTION: Final = 1
 ILLEGAL_REGISTER: Final = 2

@@ -12,6 +12,7 @@ from struct import error as StructError
 from typing import Final
 
 from drivebus.errors import AddressError, CodeError, EchoError, HeaderError, LengthError
+from drivebus.protocols.codec import check_range
 from drivebus.protocols.modbus.messages import (
     ADDRESSES,
     BROADCAST,
@@ -49,13 +50,6 @@ WORD_STRUCTS: Final = tuple(Struct(f">{count}H") for count in range(126))
 COIL_ON: Final = 0xFF00
 COIL_OFF: Final = 0x0000
 """Values of a coil (05): on FF00H, off 0000H."""
-
-
-def check_range(name: str, value: int, low: int, high: int) -> int:
-    """Return the value. Raises ValueError outside the limits."""
-    if not low <= value <= high:
-        raise ValueError(f"{name} {value}: expected {low} to {high}")
-    return value
 
 
 def pack_words(values: tuple[int, ...]) -> bytes:

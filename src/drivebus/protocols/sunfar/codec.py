@@ -14,7 +14,7 @@ from typing import Literal
 
 from drivebus.errors import AddressError, AlphabetError, ChecksumError, CodeError, EchoError, ProtocolError
 from drivebus.protocols.checksum import STRICT_HEX_DIGITS, TOLERANT_HEX_DIGITS
-from drivebus.protocols.codec import Complete, DecodeResult, Effect, Incomplete
+from drivebus.protocols.codec import Complete, DecodeResult, Effect, Incomplete, check_range
 from drivebus.protocols.sunfar.frame import (
     ASCII_HEAD,
     CONTROL_LAYOUT,
@@ -80,13 +80,13 @@ class SunfarCodec:
         read, or data with an operation that has none.
         """
         build = self._format.build
-        _check_range("address", request.address, BROADCAST)
+        check_range("address", request.address, 0, BROADCAST)
         if type(request) is SunfarControl:
             return build(CONTROL_LAYOUT, request.address, 4, request.operation, _control_data(request))
         if type(request) is SunfarWriteParameter:
-            _check_range("group", request.group, 0x0F)
-            _check_range("item", request.item, 0xFF)
-            _check_range("data", request.data, 0xFFFF)
+            check_range("group", request.group, 0, 0x0F)
+            check_range("item", request.item, 0, 0xFF)
+            check_range("data", request.data, 0, 0xFFFF)
             head = (request.address, request.frame_class, SunfarOperation.NONE)
             return build(WRITE_LAYOUT, *head, request.group, request.item, request.data)
         group, item = _group_and_item(request)
@@ -124,12 +124,12 @@ class SunfarCodec:
         Raises ValueError for a field out of range or missing.
         """
         build = self._format.build
-        _check_range("address", reply.address, BROADCAST - 1)
+        check_range("address", reply.address, 0, BROADCAST - 1)
         if reply.response.is_short:
             return build(SHORT_LAYOUT, reply.address, reply.response, 0)
         if reply.state is None or reply.group is None:
             raise ValueError("a full reply has a state and a group")
-        _check_range("group", reply.group, 0x0F)
+        check_range("group", reply.group, 0, 0x0F)
         head = (reply.address, reply.response, reply.state, reply.group)
         if reply.info is not None and _UNKNOWN_DIGITS not in reply.info:
             return build(IDENTITY_LAYOUT, *head, *_split_info(reply.info))
@@ -137,8 +137,8 @@ class SunfarCodec:
         data = int(reply.info[2:], 16) if reply.info is not None else reply.data
         if item is None or data is None:
             raise ValueError("a full reply has data and an item, or in a fault its code")
-        _check_range("item", item, 0xFF)
-        _check_range("data", data, 0xFFFF)
+        check_range("item", item, 0, 0xFF)
+        check_range("data", data, 0, 0xFFFF)
         return build(WRITE_LAYOUT, *head, item, data)
 
     def decode_request(self, data: bytes) -> DecodeResult:
@@ -161,8 +161,8 @@ REQUEST_LAYOUTS = {0: READ_LAYOUT, 1: READ_LAYOUT, 2: READ_LAYOUT, 3: WRITE_LAYO
 def _group_and_item(request: SunfarRequest) -> tuple[int, int]:
     group = 0 if type(request) is ReadMonitor else request.group  # type: ignore[union-attr]
     item = 0 if type(request) is ReadIdentity else request.item  # type: ignore[union-attr]
-    _check_range("group", group, 0x0F)
-    _check_range("item", item, 0xFF)
+    check_range("group", group, 0, 0x0F)
+    check_range("item", item, 0, 0xFF)
     return group, item
 
 
@@ -172,15 +172,10 @@ def _control_data(request: SunfarControl) -> int:
         return 0
     if request.operation not in OPERATION_BY_CODE:
         raise ValueError(f"operation {request.operation} is not one of the manual's (2.4.4)")
-    _check_range("data", request.data, 0xFFFF)
+    check_range("data", request.data, 0, 0xFFFF)
     if request.data and not SunfarOperation(request.operation).sets_frequency:
         raise ValueError(f"operation {request.operation:02X}H takes no data, {request.data} given")
     return request.data
-
-
-def _check_range(name: str, value: int, limit: int) -> None:
-    if not 0 <= value <= limit:
-        raise ValueError(f"{name} {value}: expected 0 to {limit}")
 
 
 def decode_request(fmt: FieldFormat, data: bytes) -> DecodeResult:
