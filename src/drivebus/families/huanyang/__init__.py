@@ -1,9 +1,10 @@
 """Huanyang HY: frames with function, length and CRC that look like Modbus RTU and are not.
 
 Sources: Holip HLP-C+ manual, pages 73 and 74 (easymanua.ls/holip/hlp-cplus/manual?p=77 and 78) and Dema D5M manual,
-pages 68 to 72 (easymanua.ls/dema/d5m-series/manual?p=72 to 76), sisters with the same protocol; frames recorded from a
-HY01D523B (unininu.tistory.com/288); programs that run HY drives: LinuxCNC src/hal/user_comps/huanyang-vfd/hy_comm.c at
-056edd9a, FluidNC FluidNC/src/Spindles/VFD/Huanyang.cpp at e952f33f, grblHAL Plugins_spindle vfd/huanyang.c at 9581591f.
+pages 68 to 72 (easymanua.ls/dema/d5m-series/manual?p=72 to 76), related models with the same protocol; frames recorded
+from a HY01D523B (unininu.tistory.com/288); programs that run HY drives: LinuxCNC
+src/hal/user_comps/huanyang-vfd/hy_comm.c at 056edd9a, FluidNC FluidNC/src/Spindles/VFD/Huanyang.cpp at
+e952f33f, grblHAL Plugins_spindle vfd/huanyang.c at 9581591f.
 
 codec      messages to frames and back, effect of a request frame
 describe   frames for people

@@ -101,7 +101,7 @@ def set_frequency(address: int, word: int) -> HuanyangRequest:
 
 
 class HuanyangCodec:
-    """Both sides of the protocol in RTU form; the ASCII form of PD165 = 0 to 2 is not spoken."""
+    """Both sides of the protocol in RTU form; the ASCII form of PD165 = 0 to 2 is not supported."""
 
     family = "huanyang"
     encoding = "rtu"
@@ -147,7 +147,7 @@ class HuanyangCodec:
             raise AddressError("huanyang.broadcast_answered", expected=BROADCAST, found=data[0])
         if data[0] != request.address:
             raise AddressError("protocols.address", expected=request.address, found=data[0], size=size)
-        return Complete(_checked(request, parse_reply(data[:size])), size)
+        return Complete(_check_reply(request, parse_reply(data[:size])), size)
 
     def reply_size(self, request: HuanyangRequest, /) -> int:
         """Return the bytes of the longest normal reply; 0 for a broadcast."""
@@ -229,7 +229,7 @@ def _fields(data: bytes, size: int) -> tuple[int, int, int]:
     return index, int.from_bytes(value, "big"), len(value)
 
 
-def _checked(request: HuanyangRequest, reply: HuanyangReply) -> HuanyangReply:
+def _check_reply(request: HuanyangRequest, reply: HuanyangReply) -> HuanyangReply:
     """Return the reply if it can belong to the request. Raises EchoError or CodeError."""
     if reply.function != request.function:
         raise CodeError("huanyang.reply_function", expected=request.function, found=reply.function)

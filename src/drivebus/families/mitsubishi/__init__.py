@@ -27,7 +27,7 @@ _FOLDER = Path(__file__).parent
 
 
 def _parse(text: str, highest: int, group_sizes: Mapping[str, int]) -> Locator | None:
-    """``H6F`` to instruction code 6FH."""
+    """Return the locator of ``H6F``, instruction code 6FH; None for any other text."""
     found = _CODE.fullmatch(text)
     return ("monitor", int(found[1], 16)) if found and int(found[1], 16) in READ_DIGITS else None
 

@@ -168,7 +168,7 @@ def _request_fields(values: tuple[int, ...], options: SunfarDecodeOptions) -> di
     fields["group"], item = rest[:2]
     if frame_class != 0:
         fields["item"] = item
-    return fields | _locate_value(frame_class, rest[0], item, rest[2] if frame_class in (3, 5) else None, options)
+    return fields | _value_fields(frame_class, rest[0], item, rest[2] if frame_class in (3, 5) else None, options)
 
 
 def _hazards(frame_class: int, operation: int) -> tuple[Note, ...]:
@@ -286,7 +286,7 @@ def _reply_fields(
     fields |= {"item": item, "data": data}
     if sent_request is None or values[1] != SunfarResponse.OK:
         return fields
-    return fields | _locate_value(sent_request.frame_class, group, item, data, options)
+    return fields | _value_fields(sent_request.frame_class, group, item, data, options)
 
 
 def _identity_fields(values: tuple[int, ...]) -> dict[str, Any]:
@@ -322,10 +322,10 @@ def _interpretations(
         item, word = values[4:]
         if group == 0:
             found.append(
-                Interpretation(note("protocols.sunfar.reading.monitor"), _locate_value(1, 0, item, word, options))
+                Interpretation(note("protocols.sunfar.reading.monitor"), _value_fields(1, 0, item, word, options))
             )
         found.append(
-            Interpretation(note("protocols.sunfar.reading.parameter"), _locate_value(2, group, item, word, options))
+            Interpretation(note("protocols.sunfar.reading.parameter"), _value_fields(2, group, item, word, options))
         )
     identity = _identity_interpretation(data, fmt, group)
     if identity is not None:
@@ -367,7 +367,7 @@ def _unchecked_fields(data: bytes, fmt: FieldFormat, layout: FrameLayout) -> Fra
     return None
 
 
-def _locate_value(
+def _value_fields(
     frame_class: int, group: int, item: int, data: int | None, options: SunfarDecodeOptions
 ) -> dict[str, Any]:
     """Return monitor or parameter in the manual's notation with its data, and the frequency where it is one."""
@@ -375,15 +375,15 @@ def _locate_value(
     if frame_class in (1, 4):
         index = monitor_index(item, options.monitor_index)
         fields["monitor"] = f"d.{index}"
-        frequency = index in options.frequency_monitors
+        is_frequency = index in options.frequency_monitors
     elif frame_class in (2, 3, 5):
         fields["parameter"] = parameter_name(group, item)
-        frequency = (group, item) in options.frequency_parameters
+        is_frequency = (group, item) in options.frequency_parameters
     else:
         return fields
     if data is not None:
         fields["data"] = data
-        if frequency:
+        if is_frequency:
             fields["frequency_hz"] = options.to_hz(data)
     return fields
 
