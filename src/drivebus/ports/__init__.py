@@ -58,6 +58,6 @@ def open_serial_port(url: PortUrl) -> Port:
 
 def list_ports() -> list[PortInfo]:
     """Return the serial ports of this machine with their stable names and the processes that use them."""
-    from drivebus.ports.discovery import list_ports as listed
+    from drivebus.ports import discovery
 
-    return listed()
+    return discovery.list_ports()

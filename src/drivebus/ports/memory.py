@@ -19,12 +19,12 @@ from drivebus.types import Capabilities, EchoSetting, Receiver
 class _Wire:
     """State shared by both ends. Ends opened by name are handed out once each."""
 
-    __slots__ = ("__weakref__", "ends", "plugged", "taken")
+    __slots__ = ("__weakref__", "ends", "opened_ends", "plugged")
 
     def __init__(self) -> None:
         self.ends: list[MemoryPort] = []
         self.plugged = True
-        self.taken = 0
+        self.opened_ends = 0
 
 
 class MemoryPort:
@@ -129,10 +129,10 @@ def open_port(url: PortUrl) -> MemoryPort:
     if wire is None:
         left, _ = create_pair(url.settings, has_line_timing=url.flag("line_timing"), name=url.path)
         wire = _named[url.path] = left._wire
-    if wire.taken == 2:
+    if wire.opened_ends == 2:
         raise PortUrlError("ports.memory_taken", port=url.text, name=url.path)
-    port = wire.ends[wire.taken]
+    port = wire.ends[wire.opened_ends]
     if "echo" in url.options:
         port.echo = url.echo()
-    wire.taken += 1
+    wire.opened_ends += 1
     return port

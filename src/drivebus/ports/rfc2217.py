@@ -108,26 +108,26 @@ class TelnetClient:
         data, reply, line_errors = bytearray(), bytearray(), 0
         for byte in chunk:
             if self._escape:
-                line_errors += self._command(byte, data, reply)
+                line_errors += self._handle_command(byte, data, reply)
             elif byte == IAC:
                 self._escape.append(byte)
             else:
-                self._plain(byte, data)
+                self._add_byte(byte, data)
         return TelnetInput(data=bytes(data), line_errors=line_errors, reply=bytes(reply))
 
-    def _plain(self, byte: int, data: bytearray) -> None:
+    def _add_byte(self, byte: int, data: bytearray) -> None:
         if self._sub is None:
             data.append(byte)
         elif len(self._sub) < MAX_SUBNEGOTIATION_BYTES:
             self._sub.append(byte)
 
-    def _command(self, byte: int, data: bytearray, reply: bytearray) -> int:
+    def _handle_command(self, byte: int, data: bytearray, reply: bytearray) -> int:
         """Handle the byte after IAC, or the option after a verb; return the bad bytes that it reports."""
         escape, self._escape = self._escape, []
         if len(escape) == 2:
             reply += self._negotiate(escape[1], byte)
         elif byte == IAC:
-            self._plain(byte, data)
+            self._add_byte(byte, data)
         elif WILL <= byte <= DONT:
             self._escape = [IAC, byte]
         else:
@@ -189,7 +189,7 @@ class Rfc2217Port:
         if self._connection is not None:
             raise PortUnavailable("ports.already_open", port=self.identity)
         self._telnet, self._failure = TelnetClient(), None
-        connection = TcpConnection(self.identity, self._received, self._lost)
+        connection = TcpConnection(self.identity, self._on_data, self._on_lost)
         await connection.connect(self._host, self._port, self._timeout_s)
         self._connection = connection
         try:
@@ -255,7 +255,7 @@ class Rfc2217Port:
         if self._failure is not None:
             raise self._failure
 
-    def _received(self, chunk: bytes) -> None:
+    def _on_data(self, chunk: bytes) -> None:
         decoded = self._telnet.receive(chunk)
         if decoded.reply and self._connection is not None:
             try:
@@ -267,7 +267,7 @@ class Rfc2217Port:
         elif decoded.data or decoded.line_errors:
             self._receiver.data_received(decoded.data, decoded.line_errors)
 
-    def _lost(self, error: PortLost) -> None:
+    def _on_lost(self, error: PortLost) -> None:
         self._failure = error
         self._server_replied.set()
         self._connection = None
@@ -277,5 +277,5 @@ class Rfc2217Port:
 
 
 def open_port(url: PortUrl) -> Rfc2217Port:
-    """Entry point of scheme ``rfc2217``. Raises PortUrlError."""
+    """Return the port of a URL ``rfc2217://``. Raises PortUrlError."""
     return Rfc2217Port(url)

@@ -1,4 +1,4 @@
-"""Serial port on POSIX systems: a raw descriptor in the event loop, because its cost arises for every byte.
+"""Serial port on POSIX systems: a raw descriptor in the event loop, because layers in between cost time for each byte.
 
 Opening, locking and verifying are in ``tty``, the messages for failures in ``open_errors``.
 """

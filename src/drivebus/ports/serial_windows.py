@@ -1,6 +1,6 @@
 """COM port on Windows, by serialx's own transport (overlapped I/O on a proactor loop).
 
-Not verified on this system. The Windows driver reports parity errors only in counters that belong to no byte, so
+Not verified on Windows. The Windows driver reports parity errors only in counters that belong to no byte, so
 ``parity`` is False here and DZB100 drives lose their only check (shown in the capabilities).
 """
 

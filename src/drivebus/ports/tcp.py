@@ -30,13 +30,13 @@ _KEEPALIVE = {  # a vanished server is noticed within 11 s of silence, on Linux 
 
 
 class TcpConnection(asyncio.Protocol):
-    """TCP connection of a port. ``lost`` is called once, unless ``close`` was called first."""
+    """TCP connection of a port. ``on_lost`` is called once, unless ``close`` was called first."""
 
-    def __init__(self, name: str, received: Callable[[bytes], None], lost: Callable[[PortLost], None]) -> None:
+    def __init__(self, name: str, on_data: Callable[[bytes], None], on_lost: Callable[[PortLost], None]) -> None:
         self._name = name
-        self._lost: Callable[[PortLost], None] | None = lost
+        self._on_lost: Callable[[PortLost], None] | None = on_lost
         self._transport: asyncio.Transport | None = None
-        self.data_received = received  # type: ignore[method-assign, assignment]  # one call less for each chunk
+        self.data_received = on_data  # type: ignore[method-assign, assignment]  # one call less for each chunk
 
     async def connect(self, host: str, port: int, timeout_s: float) -> None:
         """Raises PortUnavailable with the reason and the remedy."""
@@ -66,16 +66,16 @@ class TcpConnection(asyncio.Protocol):
 
     def close(self) -> None:
         """Close the connection; the server still gets what was written. Idempotent."""
-        self._lost = None
+        self._on_lost = None
         transport, self._transport = self._transport, None
         if transport is not None:
             transport.close()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        lost, self._lost = self._lost, None
+        on_lost, self._on_lost = self._on_lost, None
         self._transport = None
-        if lost is not None:
-            lost(PortLost("ports.lost", port=self._name, reason=_reason(exc)))
+        if on_lost is not None:
+            on_lost(PortLost("ports.lost", port=self._name, reason=_reason(exc)))
 
 
 def _reason(exc: Exception | None) -> SystemReason | PortLost:
@@ -129,15 +129,15 @@ class TcpPort:
         self._connection: TcpConnection | None = None
 
     async def open(self, receiver: Receiver) -> None:
-        """Connect. Raises PortUnavailable with the reason and the remedy."""
+        """Connect to the converter. Raises PortUnavailable with the reason and the remedy."""
         if self._connection is not None:
             raise PortUnavailable("ports.already_open", port=self.identity)
 
-        def lost(error: PortLost) -> None:
+        def on_lost(error: PortLost) -> None:
             self._connection = None
             receiver.port_lost(error)
 
-        connection = TcpConnection(self.identity, receiver.data_received, lost)
+        connection = TcpConnection(self.identity, receiver.data_received, on_lost)
         await connection.connect(self._host, self._port, self._timeout_s)
         self._connection = connection
 
@@ -154,5 +154,5 @@ class TcpPort:
 
 
 def open_port(url: PortUrl) -> TcpPort:
-    """Entry point of scheme ``tcp``. Raises PortUrlError."""
+    """Return the port of a URL ``tcp://``. Raises PortUrlError."""
     return TcpPort(url)

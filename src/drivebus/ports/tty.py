@@ -123,7 +123,7 @@ def open_device(path: str, settings: SerialSettings, *, rs485: bool = False) -> 
         pty = is_pty(fd)
         lock = DeviceLock(fd, device, exclusive=not pty)
         try:
-            return _configured(fd, path, device, settings, lock, pty=pty, rs485=rs485)
+            return _configure_and_verify(fd, path, device, settings, lock, pty=pty, rs485=rs485)
         except BaseException:
             lock.release()
             raise
@@ -135,7 +135,7 @@ def open_device(path: str, settings: SerialSettings, *, rs485: bool = False) -> 
         raise
 
 
-def _configured(
+def _configure_and_verify(
     fd: int, path: str, device: str, settings: SerialSettings, lock: DeviceLock, *, pty: bool, rs485: bool
 ) -> SerialDescriptor:
     serialx_adapter.configure(fd, device, _pty_settings(settings) if pty else settings)

@@ -79,7 +79,7 @@ class PortUrl:
         allowed = tuple(allowed)
         found = self.options.get(name, default).lower()
         if found not in allowed:
-            raise PortUrlError("ports.option", port=self.text, name=name, found=found, expected=tuple(allowed))
+            raise PortUrlError("ports.option", port=self.text, name=name, found=found, expected=allowed)
         return found
 
     def echo(self) -> EchoSetting:
@@ -165,7 +165,7 @@ def _split_scheme(text: str) -> tuple[str, str]:
 
 
 def _is_path(path: str) -> bool:
-    """Return whether a text is a path by its form. Whether it exists now is not asked: an adapter may be pulled."""
+    """Return whether a text is a path by its form. It need not exist now: the adapter may be unplugged."""
     if path.startswith(("/", "./", "../")):
         return True
     return (
@@ -190,8 +190,8 @@ def _suggestion(text: str) -> str:
         return f"replay://{text}"
     if _NAME_IN_DEV.match(text):
         return f"/dev/{text}"
-    if slip := _SCHEME_WITHOUT_SLASHES.fullmatch(text):
-        return f"{slip[1].lower()}://{slip[2]}"
+    if match := _SCHEME_WITHOUT_SLASHES.fullmatch(text):
+        return f"{match[1].lower()}://{match[2]}"
     if _SIMULATED.fullmatch(text):
         return f"sim://{text}"
     if _HOST_AND_PORT.fullmatch(text):
