@@ -1,4 +1,4 @@
-"""``Bus``: the master of one port. Drives the engine in ``core`` with the port, the clock and a timer.
+"""``Bus``: the master of one port: it drives the engine in ``core`` with the port, the clock and a timer.
 
 No rule of the bus is decided here.
 """

@@ -208,15 +208,15 @@ class Station:
         self.failure_reason: Exception | None = None
         """Names the bytes that made the station suspect or came since, for requests whose sync probe gets no reply."""
         self.earlier_failure_reason: Exception | None = None
-        """The same of the time before the last failed sync probe: a reply may take longer than to the next one."""
+        """``failure_reason`` of the time before the last failed sync probe: a reply may come after the next one."""
         self.unusable_reply: Exception | None = None
         """Names what was received in place of its last replies, None after an accepted one and while nothing comes."""
         self.usual_delay = UsualDelay()
-        """Of its replies to all requests that are not polls; each poll has its own."""
+        """Usual delay of its replies to requests other than polls; each poll has its own."""
         self.last_request: Any = None
         """Last sent request; an unsolicited frame may be its reply."""
         self.last_request_answered = False
-        """Whether at least as many bytes as its reply has followed the last request, trusted or not."""
+        """Whether at least as many bytes as its reply has came after the last request, trusted or not."""
         self.last_request_sent_at = 0.0
         """Time of its last bit on the wire."""
         self.last_reply_at: float | None = None
@@ -321,7 +321,7 @@ class Station:
         )
 
     def next_sync_request(self, now: float) -> Any:
-        """Return the next sync probe: the one after it where only its reply differs in length from late replies due."""
+        """Return the next sync probe, or the one after it where only that one's reply is unlike those due in length."""
         request = self.config.sync_request(self.sync_probe_count)
         self.sync_probe_count += 1
         due = {self.codec.reply_size(entry.request) for entry in self.unanswered_requests if entry.until > now}

@@ -36,7 +36,7 @@ each command tens of milliseconds."""
 
 
 class TimerBackend(Protocol):
-    """Calls back at one moment. ``armed_at``: when, NEVER if not at all (as while it calls back)."""
+    """Timer that calls back at one moment. ``armed_at``: when, NEVER if not at all (as while it calls back)."""
 
     armed_at: float
 

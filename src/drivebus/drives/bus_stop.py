@@ -63,9 +63,10 @@ async def _broadcast(bus: Bus, drives: Sequence[Drive]) -> tuple[FrameExchange, 
     A stop that may start another model is broadcast only where every drive of the bus has answered as its model.
     """
     requests: dict[bytes, BusRequest] = {}
-    is_model_open = any(drive.dialect.model_check() is not None for drive in drives)
+    has_unproved_model = any(drive.dialect.model_check() is not None for drive in drives)
     for drive in drives:
-        if "broadcast_stop" not in drive.profile.capabilities or (is_model_open and drive.profile.needs_model_check):
+        must_wait = has_unproved_model and drive.profile.needs_model_check
+        if must_wait or "broadcast_stop" not in drive.profile.capabilities:
             continue
         for place, request in enumerate(drive.dialect.broadcast_stop()):
             # the frames after a stop let the stops of other drives go first
@@ -83,10 +84,10 @@ async def _broadcast(bus: Bus, drives: Sequence[Drive]) -> tuple[FrameExchange, 
     return tuple(sent)
 
 
-async def _stop(drive: Drive, drives: int) -> Outcome:
+async def _stop(drive: Drive, drive_count: int) -> Outcome:
     """Return the outcome of one stop, whatever it raises."""
     try:
-        return await drive.stop_concurrently(drives)
+        return await drive.stop_concurrently(drive_count)
     except StopUnconfirmed as error:
         outcome: Outcome = error.outcome
         return outcome

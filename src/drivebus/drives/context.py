@@ -156,8 +156,8 @@ class DriveContext:
 
     @property
     def maximum_hz(self) -> float:
-        profile, own = self.dialect.profile.limits.maximum_hz, self.limits.maximum_hz
-        return profile if own is None else min(profile, own)
+        profile_hz, own_hz = self.dialect.profile.limits.maximum_hz, self.limits.maximum_hz
+        return profile_hz if own_hz is None else min(profile_hz, own_hz)
 
     @property
     def minimum_hz(self) -> float:

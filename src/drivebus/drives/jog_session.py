@@ -50,7 +50,7 @@ class JogSession:
             self.start_outcome = await self._begin()
         except asyncio.CancelledError:
             if self._may_be_running():
-                await self._ended()
+                await self._end_and_wait()
             raise
         self._arm(self.lease_s - self._motion_age_s())
         return self.start_outcome
@@ -69,8 +69,8 @@ class JogSession:
         self._arm(self.lease_s)
 
     async def stop(self) -> Outcome:
-        """End the jog and return how it ended. Raises StopUnconfirmed. Cancelling the caller does not cancel it."""
-        self.stop_outcome = await self._ended()
+        """End the jog and return how it ended; cancelling the caller does not cancel it. Raises StopUnconfirmed."""
+        self.stop_outcome = await self._end_and_wait()
         return self.stop_outcome
 
     async def __aenter__(self) -> JogSession:
@@ -101,8 +101,8 @@ class JogSession:
             self._ending = self._stops.start_stop(operation, StopMode.STOP)
         return self._ending
 
-    async def _ended(self) -> Outcome:
-        """End the jog and wait for it, also where the caller is cancelled meanwhile. Raises StopUnconfirmed."""
+    async def _end_and_wait(self) -> Outcome:
+        """End the jog and wait for its outcome, also where the caller is cancelled. Raises StopUnconfirmed."""
         return raise_for_status(await asyncio.shield(self._end()), stop=True)
 
     async def _begin(self) -> Outcome:

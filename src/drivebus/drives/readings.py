@@ -67,14 +67,15 @@ class ReadingPairs:
             self.previous.pop(name, None)
 
     def with_staleness(
-        self, now: float, oldest_s: Mapping[str, float], port_opened_at: float | None
+        self, now: float, max_age_s: Mapping[str, float], port_opened_at: float | None
     ) -> dict[str, Reading]:
         """Return the newest readings, bad where too old or not read since the port was opened; the value stays.
 
-        ``oldest_s``: age limits in seconds. ``port_opened_at``: None while the port is not open.
+        ``max_age_s``: name → age limit in seconds. ``port_opened_at``: None while the port is not open.
         """
         return {
-            name: _mark_stale(reading, now, oldest_s.get(name), port_opened_at) for name, reading in self.latest.items()
+            name: _mark_stale(reading, now, max_age_s.get(name), port_opened_at)
+            for name, reading in self.latest.items()
         }
 
 

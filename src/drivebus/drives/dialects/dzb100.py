@@ -196,7 +196,7 @@ class Dzb100Dialect(Dialect):
         )
 
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
-        """Running where Q01 is above 0 twice; stopped or in fault where it is 0 twice."""
+        """Return running where Q01 is above 0 twice, stopped or in fault where it is 0 twice, else None."""
         output, code = readings.raw_pair("output_frequency"), readings.agreed_raw("fault")
         if output is None or code is None or (output[0] > 0) is not (output[1] > 0):
             return None
@@ -225,11 +225,11 @@ class Dzb100Dialect(Dialect):
         return self.options.get("query_coding", "unknown") in FREQUENCY_CODINGS
 
     def confirms_stop(self, readings: ReadingPairs) -> bool:
-        """Q03's A is taken for the last command that the drive executed; the manual leaves its source open."""
+        """Return whether Q03's A is a stop: it is taken for the last command executed, its source is undocumented."""
         return readings.agreed_raw("command") in (Dzb100Command.STOP, Dzb100Command.STOP_2)
 
     def confirms_start(self, readings: ReadingPairs) -> bool:
-        """True also where the drive stands by now, stopped at its keypad."""
+        """Return whether Q03's A is a start, also where the drive stands by now, stopped at its keypad."""
         return readings.agreed_raw("command") in (Dzb100Command.FORWARD, Dzb100Command.REVERSE)
 
     def rejection(self, reply: Dzb100Reply) -> Rejection | None:
@@ -266,7 +266,7 @@ class Dzb100Dialect(Dialect):
         )
 
     def set_frequency(self, word: int, readings: ReadingPairs) -> tuple[CommandFrame, ...]:
-        """The frequency is part of the run command, so only a drive that reports a run command can get a new one."""
+        """Repeat the run command that the drive reports, which carries the frequency. Raises StartInhibited without."""
         command = readings.agreed_raw("command")
         if command not in (Dzb100Command.FORWARD, Dzb100Command.REVERSE):
             raise StartInhibited("drives.frequency_with_run", model=self.profile.model)

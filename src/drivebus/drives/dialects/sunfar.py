@@ -136,15 +136,15 @@ class SunfarDialect(Dialect):
         return SunfarReadParameter(self.address, group, item)
 
     def is_valid_sync_reply(self, reply: SunfarReply) -> bool:
-        """A short reply (6, 7, 8) echoes only the address."""
+        """Reject a short reply (6, 7, 8), which echoes only the address."""
         return reply.state is not None
 
     def needs_sync(self, request: Any) -> bool:
-        """Parameter F0.n and monitor d.n share their echo, as do write and read; in a fault the item is missing."""
+        """Return True for a parameter: monitors and writes have the same echo, and in a fault the item is missing."""
         return isinstance(request, SunfarReadParameter)
 
     def state_reads(self) -> tuple[Any, ...]:
-        """Every full reply carries the state; the output frequency is read with it."""
+        """Return the read of the output frequency: every full reply carries the state too."""
         return tuple(request for request, _ in self.polls(("output_frequency",))[:1])
 
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
@@ -207,7 +207,7 @@ class SunfarDialect(Dialect):
         return {name: without_item_echo(reading) for name, reading in found.items()}
 
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
-        """Two agreeing states; of two different turning states the newer one counts."""
+        """Return the state of two readings that agree; of two different turning states the newer one counts."""
         pair = readings.raw_pair("state")
         if pair is None or any(raw not in DRIVE_STATES for raw in pair):
             return None
@@ -231,7 +231,7 @@ class SunfarDialect(Dialect):
         return self._is_monitor("output_frequency")
 
     def confirms_stop(self, readings: ReadingPairs) -> bool:
-        """A drive in emergency stop (2.4.6) counts as stopped, but a frequency shown with it contradicts that."""
+        """Return False only for an emergency stop (2.4.6), which counts as stopped, with a frequency beside it."""
         pair = readings.raw_pair("output_frequency")
         return readings.agreed_raw("state") != SunfarState.EMERGENCY_STOP or pair is None or not pair[1]
 
