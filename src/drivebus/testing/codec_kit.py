@@ -45,7 +45,7 @@ class CodecReport:
 
     checks: int = 0
     accepted_flips: dict[str, list[tuple[int, int]]] = field(default_factory=dict)
-    """CodecExchange → (byte, bit) of each single flip after which a reply was still accepted."""
+    """Name of the exchange → (byte, bit) of each single flip after which a reply was still accepted."""
 
 
 def check_codec(
@@ -67,11 +67,11 @@ def check_codec(
     report, checks = CodecReport(), _CodecChecks(codec, request_of, Random(seed), garbage_frames)
     exchanges = tuple(exchanges)
     for exchange in exchanges:
-        report.checks += checks.sizes(exchange)
-        report.checks += checks.request(exchange, allows_leading_noise, detects_flips)
+        report.checks += checks.check_sizes(exchange)
+        report.checks += checks.check_request(exchange, allows_leading_noise, detects_flips)
         if exchange.received:
-            report.checks += checks.reply(exchange, exchanges, allows_leading_noise)
-            accepted = checks.flips(exchange)
+            report.checks += checks.check_reply(exchange, exchanges, allows_leading_noise)
+            accepted = checks.accepted_flips(exchange)
             report.checks += 8 * len(exchange.received)
             if accepted and detects_flips:
                 raise CodecFault(exchange.name, "a flipped bit is rejected", exchange.received, accepted)
@@ -80,10 +80,12 @@ def check_codec(
 
 
 class _CodecChecks:
+    """Checks of one codec. Each returns the number of cases that it tried, and raises CodecFault at a violation."""
+
     def __init__(self, codec: Codec, request_of: Callable[[Any], Any], rng: Random, garbage_frames: int) -> None:
         self.codec, self.request_of, self.rng, self.garbage_frames = codec, request_of, rng, garbage_frames
 
-    def sizes(self, exchange: CodecExchange) -> int:
+    def check_sizes(self, exchange: CodecExchange) -> int:
         codec, request = self.codec, exchange.request
         size, largest = codec.reply_size(request), codec.largest_reply(request)
         _require(exchange, "largest_reply is not below reply_size", largest >= size, detail=(size, largest))
@@ -94,46 +96,50 @@ class _CodecChecks:
         _require(exchange, "largest_reply covers every reply", largest >= len(exchange.received), detail=largest)
         return 3
 
-    def request(self, exchange: CodecExchange, allows_leading_noise: bool, detects_flips: bool) -> int:
+    def check_request(self, exchange: CodecExchange, allows_leading_noise: bool, detects_flips: bool) -> int:
         codec, data = self.codec, exchange.sent
         _require(
             exchange, "encode_request returns the known bytes", codec.encode_request(exchange.request) == data, data
         )
-        whole = self._whole(exchange, codec.decode_request, data)
+        whole = self._decode_whole(exchange, codec.decode_request, data)
         again = codec.encode_request(self.request_of(whole))
         _require(exchange, "a decoded request encodes to the same bytes", again == data, data, again)
-        tried = self._chunks(exchange, codec.decode_request, data, whole, allows_leading_noise, (data,))
+        tried = self._check_parts(exchange, codec.decode_request, data, whole, allows_leading_noise, (data,))
         for place, flipped in _flips(data):
             accepted = _accepted_message(codec.decode_request, flipped)
             _require(exchange, "a flipped request is rejected", accepted is None or not detects_flips, flipped, place)
         return tried + 8 * len(data)
 
-    def reply(self, exchange: CodecExchange, others: tuple[CodecExchange, ...], allows_leading_noise: bool) -> int:
+    def check_reply(
+        self, exchange: CodecExchange, others: tuple[CodecExchange, ...], allows_leading_noise: bool
+    ) -> int:
         codec, data = self.codec, exchange.received
 
         def decode(data: bytes) -> DecodeResult:
             return codec.decode_reply(exchange.request, data)
 
         _require(exchange, "encode_reply returns the known bytes", codec.encode_reply(exchange.reply) == data, data)
-        whole = self._whole(exchange, decode, data)
+        whole = self._decode_whole(exchange, decode, data)
         _require(exchange, "decode_reply returns the known reply", whole == exchange.reply, data, whole)
         followers = tuple(other.received for other in others if other.received)
-        return self._chunks(exchange, decode, data, whole, allows_leading_noise, followers)
+        return self._check_parts(exchange, decode, data, whole, allows_leading_noise, followers)
 
-    def flips(self, exchange: CodecExchange) -> list[tuple[int, int]]:
+    def accepted_flips(self, exchange: CodecExchange) -> list[tuple[int, int]]:
+        """Return (byte, bit) of each single flip after which the reply is still accepted."""
+
         def decode(data: bytes) -> DecodeResult:
             return self.codec.decode_reply(exchange.request, data)
 
         return [place for place, flipped in _flips(exchange.received) if _accepted_message(decode, flipped) is not None]
 
-    def _whole(self, exchange: CodecExchange, decode: Decode, data: bytes) -> Any:
+    def _decode_whole(self, exchange: CodecExchange, decode: Decode, data: bytes) -> Any:
         result = decode(data)
         if isinstance(result, Incomplete):
             raise CodecFault(exchange.name, "a whole frame is complete", data, result)
         _require(exchange, "size is that of the frame", result.size == len(data), data, result.size)
         return result.message
 
-    def _chunks(
+    def _check_parts(
         self,
         exchange: CodecExchange,
         decode: Decode,
@@ -156,9 +162,9 @@ class _CodecChecks:
         if not allows_leading_noise:
             found = _accepted_message(decode, b"\xff" + data)
             _require(exchange, "a frame counts at offset 0 only", found is None, b"\xff" + data, found)
-        return len(data) + len(tails) + self._garbage(exchange, decode, data)
+        return len(data) + len(tails) + self._check_garbage(exchange, decode, data)
 
-    def _garbage(self, exchange: CodecExchange, decode: Decode, data: bytes) -> int:
+    def _check_garbage(self, exchange: CodecExchange, decode: Decode, data: bytes) -> int:
         """Check that garbage raises only ProtocolError, and gives the same result whole and byte by byte."""
         count = 0
         for garbage in self._mutants(data):

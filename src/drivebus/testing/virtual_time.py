@@ -165,11 +165,11 @@ class VirtualLoop(_EventLoop):
 
     def run_until_complete(self, future: Any) -> Any:
         """Run a coroutine or future to its end. Raises Deadlock where it waits for something that can't come."""
-        with running(self), self._generators_tracked():
+        with running(self), self._track_generators():
             task = asyncio.ensure_future(future, loop=self)  # type: ignore[call-overload]
             while not task.done():
                 if not self._step(self._end):
-                    raise Deadlock(f"at {self._now:.6f} s: {self._waiting()}")
+                    raise Deadlock(f"at {self._now:.6f} s: {self._describe_waiting()}")
             if self._ready:
                 self._step(self._now)
         return task.result()
@@ -233,14 +233,14 @@ class VirtualLoop(_EventLoop):
         except Exception as error:
             self.call_exception_handler({"message": f"Exception in callback {callback!r}", "exception": error})
 
-    def _waiting(self) -> str:
+    def _describe_waiting(self) -> str:
         names = sorted(task.get_name() for task in self.tasks)
         late = bool(self._heap)
         reason = "; the longest virtual time has passed" if late else " and no timer is set, so nothing can ever happen"
         return f"{len(names)} task(s) wait ({', '.join(names[:8])}){reason}"
 
     @contextmanager
-    def _generators_tracked(self) -> Iterator[None]:
+    def _track_generators(self) -> Iterator[None]:
         """Close asynchronous generators that are dropped unfinished, as asyncio's own loops do."""
         before = sys.get_asyncgen_hooks()
         sys.set_asyncgen_hooks(

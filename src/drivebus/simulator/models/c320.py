@@ -285,19 +285,19 @@ class C320Station(SimulatedStation):
 
     def _read(self, group: int, item: int) -> SunfarReply:
         key = group << 8 | item
-        refusal = self.memory.read_rejection(key)
-        response = RESPONSES_BY_REASON[refusal] if refusal else SunfarResponse.OK
-        data = 0 if refusal else self.memory[key]
+        rejection = self.memory.read_rejection(key)
+        response = RESPONSES_BY_REASON[rejection] if rejection else SunfarResponse.OK
+        data = 0 if rejection else self.memory[key]
         return SunfarReply(address=self.address, response=response, group=group, item=item, data=data)
 
     def _write(self, request: sunfar.SunfarWriteParameter) -> SunfarReply:
         """Execute classes 3 (RAM) and 5 (EEPROM too). A rejected write replies with data 0000."""
         key = request.group << 8 | request.item
-        refusal = self.memory.write_rejection(key, request.data, self.running)
-        if refusal is None:
+        rejection = self.memory.write_rejection(key, request.data, self.running)
+        if rejection is None:
             self.memory.write(key, request.data, save=request.save)
-        response = RESPONSES_BY_REASON[refusal] if refusal else SunfarResponse.OK
-        data = 0 if refusal else request.data
+        response = RESPONSES_BY_REASON[rejection] if rejection else SunfarResponse.OK
+        data = 0 if rejection else request.data
         return SunfarReply(address=self.address, response=response, group=request.group, item=request.item, data=data)
 
     def elapse(self, dt: float) -> None:

@@ -219,13 +219,13 @@ class VC660Station(SimulatedStation):
         if 0x2000 <= register <= 0x2009:
             return self._control_register(register - 0x2000, value)
         key = register & ~SAVE_BIT
-        refusal = self.memory.write_rejection(key, value, self.running)
-        if refusal is None:
+        rejection = self.memory.write_rejection(key, value, self.running)
+        if rejection is None:
             self.memory.write(key, value, save=bool(register & SAVE_BIT))
             return 0
-        if refusal in (RejectReason.UNKNOWN, RejectReason.HIDDEN):
+        if rejection in (RejectReason.UNKNOWN, RejectReason.HIDDEN):
             return ILLEGAL_ADDRESS
-        return ILLEGAL_VALUE if refusal is RejectReason.RANGE else FAILED
+        return ILLEGAL_VALUE if rejection is RejectReason.RANGE else FAILED
 
     def _control_register(self, number: int, value: int) -> int:
         match number:
