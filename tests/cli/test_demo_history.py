@@ -9,7 +9,7 @@ from drivebus.cli.demo.history import (
     HISTORY_HOURS,
     SAMPLE_INTERVAL_S,
     HistoryGenerator,
-    numbered,
+    number_alarms,
     past_alarms,
     past_statistics,
 )
@@ -83,7 +83,7 @@ def test_each_trip_of_the_history_is_an_alarm_that_was_acknowledged_and_cleared(
         ended = [event for event in history.events[:-1] if event.kind == "trip"]
         assert [alarm.raised_ms for alarm in made] == [event.time_ms for event in ended]
         alarms += made
-    ordered = numbered(alarms)
+    ordered = number_alarms(alarms)
     assert len(ordered) >= 3
     assert [alarm.id for alarm in ordered] == [f"a{n}" for n in range(1, len(ordered) + 1)]
     assert [alarm.raised_ms for alarm in ordered] == sorted(alarm.raised_ms for alarm in ordered)

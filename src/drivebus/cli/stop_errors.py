@@ -37,14 +37,14 @@ def stop_to_the_end(*, dry_run: bool) -> Iterator[None]:
         yield
         return
     try:
-        with output.continue_without_output(), _closed_terminal_is_ignored():
+        with output.continue_without_output(), _ignore_closed_terminal():
             yield
     except KeyboardInterrupt:
         raise StopUnconfirmed("bus_stop.interrupted") from None
 
 
 @contextmanager
-def _closed_terminal_is_ignored() -> Iterator[None]:
+def _ignore_closed_terminal() -> Iterator[None]:
     """Ignore the signal of a closed terminal, unless it is ignored already (``nohup``)."""
     hangup: Any = getattr(signal, "SIGHUP", None)
     if hangup is None or signal.getsignal(hangup) is not signal.SIG_DFL:

@@ -82,7 +82,7 @@ class StepRequirement(StrEnum):
 
     NOTHING = "nothing"
     """It only reads."""
-    PERSON = "hands"
+    PERSON = "person"
     """A person who pulls a plug or turns a switch."""
     MOTOR = "motor"
     """A motor that may turn, and a person who watches it."""
@@ -165,7 +165,7 @@ async def check_quiet(session: AcceptanceSession) -> StepOutcome:
 async def check_reply_times(session: AcceptanceSession) -> StepOutcome:
     """Measure the reply times and failures of 300 reads."""
     async with session.drive() as (bus, drive):
-        await session.race(_reads(bus, drive, TIMING_READS))
+        await session.race(_send_reads(bus, drive, TIMING_READS))
         found = bus.statistics().stations[drive.address]
     figures: dict[str, Any] = {
         f"reply_{name}_ms": _ms(getattr(found, f"reply_{name}_s")) for name in ("p50", "p95", "p99")
@@ -178,7 +178,7 @@ async def check_reply_times(session: AcceptanceSession) -> StepOutcome:
 async def check_stray_replies(session: AcceptanceSession) -> StepOutcome:
     """Check that 300 reads bring no late, foreign or second reply."""
     async with session.drive() as (bus, drive):
-        await session.race(_reads(bus, drive, TIMING_READS))
+        await session.race(_send_reads(bus, drive, TIMING_READS))
         found = bus.statistics().counters
     stray = {name: found.get(name, 0) for name in UNSOLICITED_KINDS}
     return not any(stray.values()), stray
@@ -192,12 +192,12 @@ async def check_parity(session: AcceptanceSession) -> StepOutcome:
         return None, {}
     other = f"{settings.data_bits}{OTHER_PARITY[settings.parity]}{settings.stop_bits}"
     async with session.drive(other) as (bus, drive):
-        await session.race(_reads(bus, drive, WRONG_PARITY_READS))
+        await session.race(_send_reads(bus, drive, WRONG_PARITY_READS))
         found = bus.statistics().stations[drive.address]
     return found.replies == 0, {"format": other, "reads": WRONG_PARITY_READS, "accepted": found.replies}
 
 
-async def _reads(bus: Bus, drive: Drive, count: int) -> None:
+async def _send_reads(bus: Bus, drive: Drive, count: int) -> None:
     for _ in range(count):
         await bus.transact(BusRequest(station=drive.address, request=drive.dialect.echo_test_read()))
 
@@ -271,7 +271,7 @@ async def _wait_until(condition: Callable[[], bool], timeout_s: float = PERSON_T
 
 async def check_run_and_stop(session: AcceptanceSession) -> StepOutcome:
     """Start and stop the motor, and compare the outcomes with what a person sees."""
-    async with session.drive() as (bus, drive), _stopped_afterwards(drive) as outcomes:
+    async with session.drive() as (bus, drive), _stop_afterwards(drive) as outcomes:
         begun = bus.now()
         outcomes["run"] = str((await session.race(drive.run(session.frequency_hz))).status)
         outcomes["started_s"] = round(bus.now() - begun, 3)
@@ -285,19 +285,19 @@ async def check_comm_loss(session: AcceptanceSession) -> StepOutcome:
     """Compare the drive's reaction to silence with the reaction that its parameters announce."""
     async with session.drive() as (_, drive):
         report = await session.race(drive.comm_loss_behaviour())
-        async with _left_running(drive):
+        async with _stop_if_start_fails(drive):
             await session.race(drive.run(session.frequency_hz))
     value = report.time.value if report.time is not None else None
     alone_s = (float(value) if isinstance(value, int | float) else UNKNOWN_COMM_LOSS_S) + COMM_LOSS_MARGIN_S
     await asyncio.sleep(alone_s)
     turns = await session.confirm("acceptance.ask.still_turns", seconds=round(alone_s))
-    async with session.drive() as (_, drive), _stopped_afterwards(drive) as outcomes:
+    async with session.drive() as (_, drive), _stop_afterwards(drive) as outcomes:
         outcomes |= {"announces_trip": report.stops_on_comm_loss, "alone_s": alone_s, "still_turned": turns}
     return (None if report.stops_on_comm_loss is None else report.stops_on_comm_loss is not turns), outcomes
 
 
 @asynccontextmanager
-async def _stopped_afterwards(drive: Drive) -> AsyncIterator[dict[str, Any]]:
+async def _stop_afterwards(drive: Drive) -> AsyncIterator[dict[str, Any]]:
     """Send a stop at the end in every case, and add its outcome to the figures."""
     outcomes: dict[str, Any] = {}
     try:
@@ -310,7 +310,7 @@ async def _stopped_afterwards(drive: Drive) -> AsyncIterator[dict[str, Any]]:
 
 
 @asynccontextmanager
-async def _left_running(drive: Drive) -> AsyncIterator[None]:
+async def _stop_if_start_fails(drive: Drive) -> AsyncIterator[None]:
     """Send a stop where the start fails; otherwise the drive is left running on purpose."""
     try:
         yield

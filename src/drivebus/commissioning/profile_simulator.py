@@ -110,7 +110,7 @@ class ProfileStation(SimulatedStation):
         self.factory_settings = SerialSettings.parse(profile.serial.baud, profile.serial.format)  # type: ignore[misc]
         self.setpoint_word = self.command = 0
         self.is_locked = self.commands.unlock is not None
-        """It rejects every command until it is unlocked."""
+        """Whether every command is rejected until the unlocking write."""
         self.steps_taken = 0
         """Words before a start that were taken, in their order."""
         self._writes = ModbusWrites(address, profile, self.commands)
@@ -130,7 +130,7 @@ class ProfileStation(SimulatedStation):
 
     @property
     def profile_options(self) -> dict[str, str]:
-        """It counts the step of its profile, also where that is only assumed."""
+        """Option with the step of the profile, which the drive has also where it is only assumed."""
         step = f"{self.profile.setpoint_scale.factor:g}"
         return {SETPOINT_STEP: step} if SETPOINT_STEP in self.profile.options else {}
 

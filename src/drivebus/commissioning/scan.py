@@ -25,7 +25,7 @@ SNIFF_SAMPLE_BYTES = 64
 ERRORS_OF_WHOLE_REPLIES = {"bus.stray_before", "bus.trailing", "bus.second_reply", "protocols.sunfar.state"}
 """Errors of a reply that is complete and of the station that was asked, and still not accepted."""
 MAX_UNREADABLE_REPLIES = 4
-"""Maps that an address is asked for in vain: after as many damaged replies and no valid frame, the others are left."""
+"""After as many damaged replies of an address, and no valid frame, no further probe is sent to it."""
 NOISE_ALLOWANCE_S = 5.0
 """Noise adds at most the planned time of the probes and these seconds; from then on each address gets one probe."""
 MAX_REPEATED_READS = 20
@@ -119,9 +119,9 @@ class _Sniffer:
         self.count = 0
         self.line_errors = 0
 
-    def data_received(self, data: bytes, marks: int = 0) -> None:
+    def data_received(self, data: bytes, line_errors: int = 0) -> None:
         self.count += len(data)
-        self.line_errors += marks
+        self.line_errors += line_errors
         if len(self.data) < SNIFF_SAMPLE_BYTES:
             self.data += data
 
@@ -318,7 +318,7 @@ async def _probe_address(probed: _ProbedAddress, address: int) -> DetectedDrive 
         return None
     candidates = _prefer_status_register(fits or partly)
     if candidates:
-        candidates = await _named_by_code(candidates, address, probed.reply_to) or candidates
+        candidates = await _find_named_by_code(candidates, address, probed.reply_to) or candidates
     return DetectedDrive(
         models=tuple(candidate.profile.model for candidate in candidates),
         setpoint_steps_hz={
@@ -357,7 +357,7 @@ def _foreign_reply(scan_pass: ScanPass, address: int, result: BusResult) -> Dete
     )
 
 
-async def _named_by_code(
+async def _find_named_by_code(
     fits: Sequence[ScanCandidate], address: int, reply_to: Callable[[Dialect, Any], Awaitable[Any | None]]
 ) -> list[ScanCandidate]:
     """Return the models that the code of their identity register names; none where no model has such codes."""

@@ -139,12 +139,12 @@ def _serial_settings(
     """
     found: dict[SerialSettings, bool] = {}
     for candidate in candidates:
-        line = candidate.profile.serial
-        own_bauds, own_formats = (line.baud, *line.bauds), (line.format, *line.formats)
+        serial = candidate.profile.serial
+        own_bauds, own_formats = (serial.baud, *serial.bauds), (serial.format, *serial.formats)
         if candidate.profile.model in rare:
             if candidate.encoding != candidate.profile.encodings[0]:
                 continue
-            own_bauds, own_formats = (line.baud,), (line.format,)
+            own_bauds, own_formats = (serial.baud,), (serial.format,)
         likely = () if bauds or candidate.profile.model in rare else LIKELY_BAUDS
         for baud in (*(bauds or own_bauds), *likely):
             is_documented = baud in (bauds or own_bauds)
@@ -165,9 +165,9 @@ def _build_passes(
     high = max(candidate.profile.addresses[1] for candidate in candidates)
     broadcasts = {candidate.profile.broadcast for candidate in candidates}
     wanted = [a for a in (addresses or range(low, high + 1)) if low <= a <= high and a not in broadcasts]
-    factory = any(str(settings) == f"{c.profile.serial.baud} {c.profile.serial.format}" for c in candidates)
-    usual = settings.baud in LIKELY_BAUDS
-    likely = tuple(address for address in wanted if usual and address in LIKELY_ADDRESSES)
+    factory_settings = {f"{c.profile.serial.baud} {c.profile.serial.format}" for c in candidates}
+    is_likely_baud = settings.baud in LIKELY_BAUDS
+    likely = tuple(address for address in wanted if is_likely_baud and address in LIKELY_ADDRESSES)
     others = tuple(address for address in wanted if is_documented and address not in likely)
     probe_s = probe_duration_s(candidates, settings)
     return [
@@ -175,7 +175,7 @@ def _build_passes(
             settings=settings,
             candidates=tuple(candidates),
             addresses=part,
-            has_factory_settings=factory,
+            has_factory_settings=str(settings) in factory_settings,
             is_documented=is_documented,
             is_likely=part is likely,
             duration_s=len(part) * probe_s,
@@ -207,8 +207,8 @@ def probe_duration_s(candidates: Sequence[ScanCandidate], settings: SerialSettin
     dialect = create_dialect(first.profile, max(1, first.profile.addresses[0]), encoding=first.encoding)
     request, codec = probe_request(dialect), dialect.codec
     timing = _slowest(dialect.station_config.timing, candidates)
-    sent = settings.seconds(len(codec.encode_request(request)))
-    return timing.gap_s(settings) + sent + timing.timeout_s(settings, codec.largest_reply(request))
+    sent_s = settings.seconds(len(codec.encode_request(request)))
+    return timing.gap_s(settings) + sent_s + timing.timeout_s(settings, codec.largest_reply(request))
 
 
 def _slowest(timing: StationTiming, candidates: Sequence[ScanCandidate]) -> StationTiming:

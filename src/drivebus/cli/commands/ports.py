@@ -36,8 +36,8 @@ def ports_table(found: list[PortInfo]) -> str:
 
 
 def _users(port: PortInfo) -> str:
-    held = output.join((f"{holder.name} ({holder.pid})" for holder in port.users), "items")
-    return held or output.text("ports_command.free" if _is_accessible(port.device) else "ports_command.forbidden")
+    users = output.join((f"{user.name} ({user.pid})" for user in port.users), "items")
+    return users or output.text("ports_command.free" if _is_accessible(port.device) else "ports_command.forbidden")
 
 
 def _is_accessible(device: str) -> bool:

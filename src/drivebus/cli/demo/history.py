@@ -127,7 +127,7 @@ FAULT_ALARM = next(one for one in DEFAULT_ALARMS if one.id == "fault")
 
 
 def past_alarms(drive: DriveConfig, profile: DriveProfile, events: Sequence[DemoEvent], by: str) -> Iterator[Alarm]:
-    """Yield an alarm, not numbered yet, for each trip; acknowledged by ``by`` and cleared by the next start.
+    """Yield an alarm, without a number yet, for each trip; acknowledged by ``by`` and cleared by the next start.
 
     A trip without a later start is not cleared: it is left out, because the simulated drive starts without a fault.
     """
@@ -141,8 +141,8 @@ def past_alarms(drive: DriveConfig, profile: DriveProfile, events: Sequence[Demo
         yield replace(alarm, acknowledged_ms=acknowledged_ms, acknowledged_by=by, cleared_ms=after.time_ms)
 
 
-def numbered(alarms: Iterable[Alarm]) -> list[Alarm]:
-    """Return alarms in the order of their time, with ids of that order."""
+def number_alarms(alarms: Iterable[Alarm]) -> list[Alarm]:
+    """Return alarms in the order of their time, with ids that count up."""
     ordered = sorted(alarms, key=lambda alarm: alarm.raised_ms)
     return [replace(alarm, id=f"a{number}") for number, alarm in enumerate(ordered, 1)]
 

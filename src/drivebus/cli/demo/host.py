@@ -24,7 +24,7 @@ from drivebus.cli.demo.history import (
     HISTORY_HOURS,
     DemoEvent,
     HistoryGenerator,
-    numbered,
+    number_alarms,
     past_alarms,
     past_statistics,
 )
@@ -238,7 +238,7 @@ async def _write_history(config: PlantConfig) -> None:
                 historian.put_document(DOCUMENT_KIND, drive.key, statistics.to_document())
                 await historian.flush()
     log = AlarmLog(config.directory / ALARM_LOG_FILE)
-    for alarm in numbered(alarms):
+    for alarm in number_alarms(alarms):
         log.put(alarm)
     await log.close()
 

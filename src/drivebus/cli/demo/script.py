@@ -89,7 +89,7 @@ def caption(step: ScriptStep) -> Json:
 
 
 class ScriptPlayer:
-    """Executes steps until they end or the user takes over; ``report`` receives each message, ``on_step`` each step."""
+    """Player of steps until they end or the user takes over; ``report`` gets each message, ``on_step`` each step."""
 
     def __init__(
         self,

@@ -42,7 +42,7 @@ class BusActivity:
 
 
 class CapturePlayer:
-    """Builds drives from records. Pure: the time is that of the capture."""
+    """Builder of drives from records. Pure: the time is that of the capture."""
 
     def __init__(self, capture: Capture, candidates: Sequence[tuple[DriveProfile, str]]) -> None:
         self.capture = capture

@@ -93,7 +93,7 @@ def bus_cells(row: BusRow, columns: Mapping[str, int]) -> list[Text]:
 
 
 def _keep_end(text: str, cells: int) -> str:
-    """Shorten a long name at its begin: ports differ at the end."""
+    """Shorten a long name at its beginning: ports differ at the end."""
     return text if width(text) <= cells else "…" + text[1 - cells :]
 
 

@@ -37,7 +37,7 @@ NOT_OPEN = (SETPOINT_STEP, "rejected_read")
 
 def profile_toml(answers: Answers, rows: Sequence[TableRow], language: str) -> str:
     """Return the text of the file. ``answers`` are complete, ``rows`` those of a register table."""
-    parts = [_head, _line, _limits, _commands, _status, lambda a, e: _values(a, rows, e), _open_questions]
+    parts = [_head, _serial, _limits, _commands, _status, lambda a, e: _values(a, rows, e), _open_questions]
     return "\n\n".join("\n".join(lines) for part in parts if (lines := list(part(answers, language)))) + "\n"
 
 
@@ -79,7 +79,7 @@ def _head(answers: Answers, language: str) -> Iterator[str]:
     yield 'notation = { style = "register" }'
 
 
-def _line(answers: Answers, language: str) -> Iterator[str]:
+def _serial(answers: Answers, language: str) -> Iterator[str]:
     baud = int(fact(answers, "baud"))
     form = toml_string(answers["format"])
     yield from _comment("serial", language)
