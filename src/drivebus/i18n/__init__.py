@@ -46,8 +46,15 @@ def catalogue(language: str) -> dict[str, str]:
 
 @cache
 def catalogue_json(language: str, without: frozenset[str] = frozenset()) -> bytes:
-    """Return ``catalogue`` as compact JSON in UTF-8, without the keys whose first part is in ``without``."""
-    texts = {key: text for key, text in catalogue(language).items() if key.partition(".")[0] not in without}
+    """Return ``catalogue`` as compact JSON in UTF-8, without the groups ``without``.
+
+    A group is the first part of its keys, or all parts but the last.
+    """
+    texts = {
+        key: text
+        for key, text in catalogue(language).items()
+        if key.partition(".")[0] not in without and key.rpartition(".")[0] not in without
+    }
     return json.dumps(texts, ensure_ascii=False, separators=(",", ":")).encode()
 
 

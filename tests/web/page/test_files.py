@@ -111,6 +111,12 @@ def test_the_page_loads_no_text_that_only_the_command_line_names() -> None:
     assert not {key for key in loaded if key.partition(".")[0] not in named}
 
 
+def test_the_page_loads_no_text_that_comes_with_its_alarm_or_its_rejected_file() -> None:
+    """Its keys are composed, so that no source names them, and a quarter of the page's texts were such ones."""
+    groups = {key.rpartition(".")[0] for key in json.loads(i18n.catalogue_json("en", COMMAND_LINE_TEXTS))}
+    assert {name for name in groups if name.startswith(("alarms", "profiles"))} == {"alarms", "alarms.subject", "profiles"}
+
+
 def _packed(content: bytes) -> bytes:
     return gzip.compress(content, 6, mtime=0)
 

@@ -30,8 +30,13 @@ MEDIA_TYPES = {
 COMMAND_LINE_TEXTS = frozenset(
     {
         "acceptance",
+        "alarms.motion",
+        "alarms.remedy",
+        "alarms.text",
+        "alarms.title",
         "audit",
         "bus_stop",
+        "capture",
         "cli",
         "comm_loss_test",
         "control",
@@ -39,6 +44,7 @@ COMMAND_LINE_TEXTS = frozenset(
         "demo",
         "dry",
         "explain",
+        "expression",
         "grades",
         "help",
         "hint",
@@ -56,6 +62,11 @@ COMMAND_LINE_TEXTS = frozenset(
         "plant_init",
         "ports_command",
         "profile_new",
+        "profiles.expected",
+        "profiles.kind",
+        "profiles.remedy",
+        "profiles.toml",
+        "profiles.type",
         "read",
         "record",
         "register_table",
@@ -73,7 +84,8 @@ COMMAND_LINE_TEXTS = frozenset(
         "waive",
     }
 )
-"""First parts of the keys that only the command line and the service use; the page does not load them."""
+"""Groups of texts that only the command line and the service use; the page does not load them, and gets the texts of an
+alarm or a rejected file with it."""
 
 FIRST_MODULES = ("static/js/app.js", "static/js/pages/fleet.js")
 """Scripts whose imports every visit needs before the first drive is shown."""
