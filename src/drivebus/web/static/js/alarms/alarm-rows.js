@@ -105,11 +105,11 @@ export function AlarmRemedy({ alarm }) {
 /** Kinds of alarms whose subject is a bus. */
 const BUS_ALARMS = ["port_lost", "foreign_master"];
 
-/** Subject of an alarm: its drive or its bus with a link, or the interlock or store. */
+/** Subject of an alarm: its drive or its bus with a link, or the file or store. The sentence of a drive's alarm names its
+ * interlock. */
 export function AlarmDetails({ alarm }) {
   const onBus = BUS_ALARMS.includes(alarm.kind) && bus(alarm.subject).value;
   if (!alarm.drive && onBus) return html`<a href=${href("buses", alarm.subject)}>${titleOf(onBus)}</a>`;
   if (!alarm.drive) return subjectName(alarm.subject ?? "");
-  return html`<a href=${href("drive", alarm.drive)}>${driveTitle(alarm.drive)}</a>${alarm.subject
-    ? ` · ${alarm.subject}` : ""}`;
+  return html`<a href=${href("drive", alarm.drive)}>${driveTitle(alarm.drive)}</a>`;
 }
