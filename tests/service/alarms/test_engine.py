@@ -272,6 +272,7 @@ def test_a_system_alarm_is_raised_once_and_cleared_by_the_service() -> None:
     alarms = engine()
     (change,) = alarms.raise_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", 5, subject="no-water", interlock=NO_WATER)
     assert (change.alarm.setting, change.alarm.priority) == ("interlock_trip", AlarmPriority.CRITICAL)
+    assert change.alarm.title == Text('Interlock "Water is there"', "联锁“有水”")
     assert change.alarm.text == Text(
         'Fan: interlock "Water is there" does not hold; a stop is requested', "风机：联锁“有水”不成立；正在请求停机"
     )

@@ -9,6 +9,9 @@ from typing import Any
 import pytest
 
 from drivebus import i18n
+from drivebus.service.alarms import SystemAlarm
+from drivebus.service.alarms.engine import system_alarm
+from drivebus.values import Text
 from fixtures.browser import Stage
 
 Draw = Callable[..., str]
@@ -68,6 +71,7 @@ def shown(text: str, keys: Iterable[str], **params: Any) -> list[str]:
 CONTROL = ("page.lease_free", "page.lease_mine", "page.lease_other_window", "page.not_live", "page.not_online")
 ONLINE_AND_STOPPED = {"presence": "online", "state": "stopped", "fault": None}
 MINE, OTHER_WINDOW = {"owner": "me", "session": "mine"}, {"owner": "me", "session": "another"}
+OTHER_USER = {"owner": "bob", "session": "another"}
 
 
 @pytest.mark.parametrize(
@@ -85,6 +89,76 @@ def test_who_controls_a_drive_and_why_only_stops_are_possible(
 ) -> None:
     text = draw("drive/control", "ControlPanel", {"view": fan | changed}, connection=connection)
     assert shown(text, CONTROL) == expected
+
+
+def test_a_drive_that_the_user_holds_in_another_window_is_not_requested_from_the_user(draw: Draw, fan: Any) -> None:
+    """The page offered a user to ask themselves for control."""
+    keys = ["page.control_ask", "page.not_controlled_other", "page.not_controlled_window"]
+    for lease, expected in ((OTHER_USER, keys[:2]), (OTHER_WINDOW, keys[2:])):
+        text = draw("drive/control", "ControlPanel", {"view": fan | {"lease": lease}})
+        assert shown(text, keys) == expected
+
+
+def test_a_group_whose_drives_the_user_holds_in_another_window_is_requested_from_other_users_alone(
+    draw: Draw, fan: Any
+) -> None:
+    leases = {"fan-1": OTHER_WINDOW, "fan-2": OTHER_WINDOW, "fan-3": OTHER_USER}
+    text = draw("fleet/group-panel", "GroupPanel", {"id": "air"}, topics=group_topics(fan, leases, "lease"))
+    assert shown(text, ["page.control_ask_all"], n=1) and shown(text, ["page.group_other_window"], n=2)
+    del leases["fan-3"]
+    text = draw("fleet/group-panel", "GroupPanel", {"id": "air"}, topics=group_topics(fan, leases, "lease"))
+    assert "Ask for control" not in text
+
+
+def group_topics(fan: Any, values: dict[str, Any], name: str, leader: str | None = None) -> dict[str, Any]:
+    """Return the topics of the group ``air`` with a drive for each value of the field ``name``."""
+    drives = {f"drives/{id}": fan | {"id": id, "title": None, name: value} for id, value in values.items()}
+    group = {"id": "air", "title": None, "drives": list(values), "leader": leader, "ratios": {}, "progress": None}
+    return drives | {"groups/air": group | {"state": "stopped"}}
+
+
+@pytest.mark.parametrize(
+    ("leader", "offline", "is_blocked"),
+    [("fan-1", "fan-2", True), ("fan-1", "fan-1", False), (None, "fan-2", False)],
+)
+def test_a_group_is_not_started_without_a_follower_of_its_leader(
+    draw: Draw, fan: Any, leader: str | None, offline: str, is_blocked: bool
+) -> None:
+    """The service refused the start that the page offered. A leader without reply starts nothing by itself."""
+    presences = {id: "offline" if id == offline else "online" for id in ("fan-1", "fan-2", "fan-3")}
+    topics = group_topics(fan, presences, "presence", leader)
+    text = draw("fleet/group-panel", "GroupPanel", {"id": "air"}, topics=topics)
+    reason = i18n.text("plant.member_offline", "en", drive=offline, group="air", leader=leader)
+    assert (reason in text) is is_blocked
+    assert bool(shown(text, ["page.group_start_blocked"], n=1, of=3)) is is_blocked
+
+
+def parameter(count: int, **fields: Any) -> dict[str, Any]:
+    """Return a parameter with this many choices."""
+    choices = {str(n): {"en": f"choice {n}", "zh": f"选项 {n}"} for n in range(count)}
+    return {"choices": choices, "choices_complete": True, "minimum": None, "maximum": None} | fields
+
+
+@pytest.mark.parametrize(
+    ("found", "expected"),
+    [
+        (parameter(0), "–"),
+        (parameter(0, minimum=0.5, maximum=60), "0.5 … 60"),
+        (parameter(2), "0 choice 01 choice 1"),
+        (parameter(2, choices_complete=False, minimum=0, maximum=9), "0 … 90 choice 01 choice 1"),
+        (parameter(5), "0 … 4" + "".join(f"{n} choice {n}" for n in range(5))),
+    ],
+)
+def test_the_choices_of_a_parameter_are_named_and_not_counted(draw: Draw, found: Any, expected: str) -> None:
+    assert draw("drive/parameter-text", "Range", {"parameter": found}) == expected
+
+
+def test_an_alarm_of_an_interlock_has_its_title_and_not_its_id(draw: Draw, fan: Any) -> None:
+    """Beside the drive stood the id of plant.toml."""
+    title = Text("Fans need a pump", "风机需要水泵")
+    alarm = system_alarm("1", SystemAlarm.INTERLOCK_TRIP, "fan-1", Text("fan", "风机"), 0, "cool", {"interlock": title})
+    text = draw("alarms/alarm-rows", "AlarmRows", {"alarms": [alarm.as_json()]}, topics={"drives/fan-1": fan})
+    assert 'Interlock "Fans need a pump"' in text and "cool" not in text
 
 
 def test_a_drive_is_called_blocked_only_where_the_service_gives_a_reason(draw: Draw, fan: Any) -> None:

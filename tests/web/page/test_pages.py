@@ -12,6 +12,7 @@ import pytest
 
 from drivebus import i18n
 from drivebus.service.alarms import SystemAlarm
+from drivebus.service.runtime import configuration_check
 from fixtures.browser import Stage
 from fixtures.browser_actions import expecting, trip, unplugged
 from fixtures.web_app import PASSWORD
@@ -161,6 +162,30 @@ def unread(route: Any) -> None:
     answer = route.fetch()
     silent = {"raw": None, "value": None, "unit": "", "quality": "bad", "reason": "drives.no_answer"}
     route.fulfill(response=answer, json=answer.json() | {"parameters": {"F9.4": silent}})
+
+
+UNLABELLED_FAULT: dict[str, Any] = {"code": -1, "label": "", "text": {"en": "a fault", "zh": "故障"}, "cause": None}
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_states_of_an_incident_show_the_text_of_a_fault_that_has_no_label(
+    stage: Stage, visit: Any, expect: Any, language: str
+) -> None:
+    """The cell of a fault without a label was empty."""
+    trip(stage, "fan-3")
+    labelled = stage.view("fan-3")["fault"]
+    state = {"state": "fault", "presence": "online", "commanded_hz": None}
+    states = [state | {"t": -n, "fault": fault} for n, fault in enumerate((None, labelled, UNLABELLED_FAULT))]
+
+    def changed(route: Any) -> None:
+        answer = route.fetch()
+        route.fulfill(response=answer, json=answer.json() | {"states": states})
+
+    page = visit("#/alarms?tab=incidents", language=language)
+    page.route("**/api/v1/incidents/*", changed)
+    page.locator(".incidents a").first.click()
+    cells = page.get_by_role("region", name=i18n.text("page.incident_states", language)).locator("tbody td:last-child")
+    expect(cells).to_have_text(["–", labelled["label"], UNLABELLED_FAULT["text"][language]])
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
@@ -495,6 +520,26 @@ def test_a_reload_applies_nothing_where_the_file_has_changed_since_its_changes_w
         expect(panel.locator(".notice.warning")).to_have_count(0)
     finally:
         file.write_text(before, encoding="utf-8")
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_plant_that_is_too_large_for_the_check_is_reloaded_after_a_check_on_its_machine(
+    stage: Stage, visit: Any, expect: Any, monkeypatch: pytest.MonkeyPatch, language: str
+) -> None:
+    """Its box could not be ticked, so that only the API reloaded it."""
+    monkeypatch.setattr(configuration_check, "MAX_CHECKED_DRIVES", 4)
+    page = visit("#/settings?tab=configuration", role="administrator", language=language)
+    panel = page.locator("section.panel").last
+    box, notice = panel.locator("label.check"), panel.locator(".notice.warning")
+    page.click("[data-configuration=compare]")
+    expect(notice).to_contain_text(i18n.text("plant.check_too_many", language, found=5, most=4))
+    file = stage.service.plant.config.source
+    expect(notice).to_contain_text(i18n.text("page.reload_unseen", language, file=file))
+    expect(box).to_have_text(i18n.text("page.reload_sure_unseen", language))
+    box.click()
+    panel.locator(".button.main").click()
+    expect(panel.locator(".notice.good")).to_contain_text(i18n.text("page.reloaded", language))
+    expect(notice).to_have_count(0)
 
 
 def test_the_result_of_a_check_is_not_shown_beside_a_text_that_was_edited_meanwhile(visit: Any, expect: Any) -> None:

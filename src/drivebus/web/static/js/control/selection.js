@@ -3,7 +3,7 @@ import { html, useState } from "../lib.js";
 import { t, titleOf } from "../i18n.js";
 import { api } from "../api.js";
 import { isLive } from "../live.js";
-import { isMine } from "../session.js";
+import { isInOtherWindow, isMine } from "../session.js";
 import { listDrives } from "../titles.js";
 import { Button, Dialog, ErrorNote, Notice, toggled, useRequest } from "../ui.js";
 import { mergeSentences } from "./merge-sentences.js";
@@ -75,9 +75,10 @@ export function WaiverButton({ views }) {
     ask=${t("page.waiver_ask_all")} path="/waivers" act=${t("page.waiver_record")} />`;
 }
 
-/** Request for control of those of these drives that another session controls and for which no request is open. */
+/** Request for control of those of these drives that another user controls and for which no request is open. */
 export function AskForControlButton({ views }) {
-  const others = views.filter((view) => view.lease && !isMine(view.lease) && !openRequest(view));
+  const others = views.filter((view) => view.lease && !isMine(view.lease) && !isInOtherWindow(view.lease)
+    && !openRequest(view));
   return html`<${SelectionButton} views=${others} text="page.control_ask_all" title=${t("page.control_ask")}
     ask=${t("page.control_ask_all_how")} path="/control-requests" act=${t("page.control_ask_send")}
     reasonLabel=${t("page.control_ask_reason")} optional />`;

@@ -5,7 +5,7 @@ import { releaseControl, takeControl } from "../control/leases.js";
 import { ReasonField, isLongEnough } from "../control/reason-field.js";
 import { askForControl, openRequest, secondsLeft, withdrawRequest } from "../control/requests.js";
 import { isLive } from "../live.js";
-import { idle, isMine, may, session } from "../session.js";
+import { idle, isInOtherWindow, isMine, may } from "../session.js";
 import { Button, Dialog, ErrorNote, FormEnd, useRequest } from "../ui.js";
 
 function TakeOver({ view, onClose }) {
@@ -14,7 +14,7 @@ function TakeOver({ view, onClose }) {
   const owner = view.lease?.owner ?? "";
   const request = openRequest(view);
   return html`<${Dialog} title=${t("page.take_over")} onClose=${onClose}>
-    <p>${owner === session.value?.user ? t("page.take_over_ask_window", { name: titleOf(view) })
+    <p>${isInOtherWindow(view.lease) ? t("page.take_over_ask_window", { name: titleOf(view) })
       : t("page.take_over_ask", { owner, name: titleOf(view) })}</p>
     ${request && !isMine(request) && html`<p><strong>${t("page.control_asked_other", { user: request.user })}</strong></p>`}
     <${ErrorNote} error=${error} />
@@ -50,8 +50,7 @@ function OpenRequest({ view, request }) {
 function holderText(view) {
   if (!view.lease) return t("page.lease_free");
   if (isMine(view.lease)) return t("page.lease_mine");
-  const { owner } = view.lease;
-  return owner === session.value?.user ? t("page.lease_other_window") : t("page.lease_other", { owner });
+  return isInOtherWindow(view.lease) ? t("page.lease_other_window") : t("page.lease_other", { owner: view.lease.owner });
 }
 
 export function ControlLease({ view }) {
@@ -70,7 +69,7 @@ export function ControlLease({ view }) {
     ${mine && html`<${Button} busy=${busy} onClick=${() => execute(() => releaseControl(view.id))}
       title=${t("page.lease_every_tab")}>${t("page.lease_give")}<//>`}
     ${others && request && html`<${OpenRequest} view=${view} request=${request} />`}
-    ${others && !request && may("operate") && html`<${Button} disabled=${!can} onClick=${() => setDialog("ask")}
+    ${others && !request && !isInOtherWindow(view.lease) && may("operate") && html`<${Button} disabled=${!can} onClick=${() => setDialog("ask")}
       data-do="ask">${t("page.control_ask")}…<//>`}
     ${others && may("write_parameters") && html`<${Button} disabled=${!can} onClick=${() => setDialog("take")}>
       ${t("page.take_over")}…<//>`}

@@ -5,7 +5,7 @@ import { api, drivePath } from "../api.js";
 import { Button, Choice, ErrorNote, Notice, OutcomeNote, useRequest } from "../ui.js";
 import { TURNING_STATES } from "../drive-states.js";
 import { isLive } from "../live.js";
-import { idle, may } from "../session.js";
+import { idle, isInOtherWindow, may } from "../session.js";
 import { hasControl } from "../control/leases.js";
 import { stop } from "../control/stops.js";
 import { moment, number, numberOf } from "../format.js";
@@ -22,6 +22,7 @@ export function controlBlocker(view) {
   if (!may("operate")) return t("page.view_only");
   if (view.presence !== "online") return t("page.not_online");
   if (hasControl(view)) return null;
+  if (isInOtherWindow(view.lease)) return t("page.not_controlled_window");
   return t(view.lease ? "page.not_controlled_other" : "page.not_controlled");
 }
 

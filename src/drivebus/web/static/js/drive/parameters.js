@@ -11,7 +11,7 @@ import { hasControl } from "../control/leases.js";
 import { SearchField, hasWords } from "../search.js";
 import { Button, ErrorNote, Table } from "../ui.js";
 import { EvidenceNote } from "./evidence.js";
-import { rangeText, valueText } from "./parameter-text.js";
+import { Range, valueText } from "./parameter-text.js";
 import { Review } from "./review.js";
 
 /** Parameters of one request: a bus at 9,600 baud reads these in about a second. */
@@ -86,7 +86,7 @@ function columns({ profile, values, edits, edit, read, canRead, canEdit }) {
     [t("page.raw"), (one) => found(one)?.raw ?? NO_VALUE, "right"],
     [t("page.value"), (one) => html`<${Cell} parameter=${one} found=${found(one)} />`],
     [t("page.unit"), (one) => one.unit],
-    [t("page.range"), rangeText, "right"],
+    [t("page.range"), (one) => html`<${Range} parameter=${one} />`, "right"],
     [t("page.factory"), (one) => (one.factory === null ? NO_VALUE : valueText(one, one.factory)), "right"],
   ];
   if (canRead) {
@@ -144,7 +144,7 @@ export function ModelParameters({ profile }) {
     columns=${[
       [t("page.notation"), (one) => html`<code>${one.notation}</code>`],
       [t("page.parameter"), (one) => localized(one.text), "wide"],
-      [t("page.range"), (one) => html`${rangeText(one)}`],
+      [t("page.range"), (one) => html`<${Range} parameter=${one} />`],
       [t("page.factory"), (one) => (one.factory === null ? NO_VALUE : valueText(one, one.factory, null))],
       [t("page.unit"), (one) => one.unit],
     ]} />`;

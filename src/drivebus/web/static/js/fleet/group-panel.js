@@ -7,14 +7,14 @@ import { number, numberOf } from "../format.js";
 import { isLive } from "../live.js";
 import { hasControl, takeControl } from "../control/leases.js";
 import { openRequest, secondsLeft, withdrawRequests } from "../control/requests.js";
-import { isMine, may } from "../session.js";
+import { isInOtherWindow, isMine, may } from "../session.js";
 import { drive, group } from "../store.js";
 import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
 import { Frequency, frequencyError, refusesFrequency } from "../control/frequency.js";
 import { ArmStart } from "../control/arm-start.js";
 import { mergeSentences } from "../control/merge-sentences.js";
 import { AskForControlButton, ReleaseButton, WaiverButton } from "../control/selection.js";
-import { driveTitle, listDrives } from "../titles.js";
+import { driveTitle, groupTitle, listDrives } from "../titles.js";
 
 const GROUP_TIMEOUT_MS = 300_000;
 
@@ -48,9 +48,17 @@ function ActionForAll({ views, act, text, ...rest }) {
     <${ErrorNote} error=${error} /></div>`;
 }
 
-function Blocked({ views }) {
-  if (views.length === 0) return null;
-  const merged = mergeSentences(views.flatMap((view) => view.start_blockers.map((one) => ({ ...one, id: view.id }))));
+/** Reasons against a start of the group now. A leader's follower must be online: its own start does not ask for that. */
+function blockersOf({ start_blockers, id, presence }, { id: group, leader }) {
+  const blockers = start_blockers.map((one) => ({ ...one, id }));
+  if (!leader || id === leader || presence === "online") return blockers;
+  const params = { drive: id, group: groupTitle(group), leader: driveTitle(leader) };
+  return [...blockers, { id, key: "plant.member_offline", params, text: t("plant.member_offline", params) }];
+}
+
+function Blocked({ blockers }) {
+  if (blockers.length === 0) return null;
+  const merged = mergeSentences(blockers);
   return html`<${Notice} kind="warning" title=${t("page.group_blocked")}><ul>${merged.map((one) => html`
     <${Merged} key=${one.text} ...${one} />`)}</ul><//>`;
 }
@@ -72,9 +80,12 @@ function Controls({ id, views }) {
   const [started, setStarted] = useState(null);
   const limits = commonLimits(views);
   const others = views.filter((view) => !hasControl(view)).length;
+  const otherWindow = views.filter((view) => isInOtherWindow(view.lease)).length;
   const off = !isLive.value || others > 0 || frequencyError(hertz, limits) !== null;
-  const blocked = views.filter((view) => view.start_blockers.length > 0);
-  const leader = views.find((view) => view.id === group(id).value.leader);
+  const found = group(id).value;
+  const blockers = views.flatMap((view) => blockersOf(view, found));
+  const blockedCount = new Set(blockers.map((one) => one.id)).size;
+  const leader = views.find((view) => view.id === found.leader);
   // Without its leader's frequency no drive of a group gets one.
   const cannotSet = off || (leader ? refusesFrequency(leader) : views.every(refusesFrequency));
   const turning = views.some((view) => TURNING_STATES.includes(view.state));
@@ -85,14 +96,15 @@ function Controls({ id, views }) {
   return html`<div class="stack">${others > 0 && html`<div class="row">
       <span>${t("page.group_not_controlled", { n: others })}</span>
       <${ActionForAll} views=${views.filter((view) => !view.lease)} act=${takeControl} text="page.lease_take_all" kind="main" />
-      <${AskForControlButton} views=${views} /></div>`}<${OwnRequests} views=${views} />
+      <${AskForControlButton} views=${views} /></div>`}
+    ${otherWindow > 0 && html`<p class="hint">${t("page.group_other_window", { n: otherWindow })}</p>`}<${OwnRequests} views=${views} />
     <div class="row"><${ReleaseButton} views=${views} />${may("limit") && html`<${WaiverButton} views=${views} />`}</div>
-    <${Blocked} views=${blocked} />
+    <${Blocked} blockers=${blockers} />
     <div class="row"><${Frequency} label=${t("page.group_frequency")} value=${hertz} onChange=${setHertz}
       limits=${limits} onEnter=${() => !cannotSet && !busy && set()} disabled=${!isLive.value} />
       <${Button} disabled=${cannotSet} busy=${busy} onClick=${set}>${t("page.set_frequency")}<//></div>
-    <${ArmStart} disabled=${off || blocked.length > 0}
-      why=${blocked.length > 0 && t("page.group_start_blocked", { n: blocked.length, of: views.length })}
+    <${ArmStart} disabled=${off || blockedCount > 0}
+      why=${blockedCount > 0 && t("page.group_start_blocked", { n: blockedCount, of: views.length })}
       first=${t("page.group_start")} second=${t("page.run_now")} title=${t("page.step_two_group")} onDone=${setStarted}
       arm=${() => send("/arm", {})} act=${(arm_token) => send("/start", { frequency_hz, arm_token })}>
       <p>${t("page.group_ask", { name: titleOf(group(id).value), n: views.length, hz: number(frequency_hz, "Hz") })}</p><p>${t("page.run_watch")}</p>

@@ -17,7 +17,7 @@ export function Configuration() {
       <p>${t("page.configuration_how", { file: found.source ?? "plant.toml" })}</p>
       <${Check} text=${text} onChange=${setText} isChanged=${text !== found.text}
         onBack=${() => setText(found.text)} /></section>
-    <${Reload} onDone=${reload} /></div>`;
+    <${Reload} file=${found.source ?? "plant.toml"} onDone=${reload} /></div>`;
 }
 
 function Check({ text, onChange, isChanged, onBack }) {
@@ -50,14 +50,26 @@ function Difference({ difference }) {
     key=${what}>${t(`page.differs_${what}`)}</dt><dd>${names.join(t("language.between_items"))}</dd>`)}</dl>`;
 }
 
-/** Check of the file as it is now, which may be newer than the text of the page. */
+/** Refusals of a check of a file that is too large for it. Its reload has no such limit. */
+const SIZE_LIMITS = ["plant.check_too_many", "plant.check_too_long"];
+
+/** Check of the file as it is now, which may be newer than the text of the page; `tooLarge` is the refusal of a large file. */
 async function checkFile() {
   const { text } = await api.get("/configuration");
-  return checkText(text);
+  return checkText(text).catch((error) => {
+    if (!SIZE_LIMITS.includes(error.code)) throw error;
+    return { text, tooLarge: error };
+  });
+}
+
+/** What a reload would do, or that the page can't show it. */
+function Compared({ compared, file }) {
+  if (!compared.tooLarge) return html`<${CheckResult} result=${compared} />`;
+  return html`<${Notice} kind="warning" live title=${compared.tooLarge.sentence}><p>${t("page.reload_unseen", { file })}</p><//>`;
 }
 
 /** Errors of the check forbid no reload: it refuses them itself, and may read profiles that the check may not. */
-function Reload({ onDone }) {
+function Reload({ file, onDone }) {
   const [sure, setSure] = useState(false);
   const [isOutdated, setOutdated] = useState(false);
   const [execute, busy, error, result, clear] = useRequest();
@@ -75,9 +87,9 @@ function Reload({ onDone }) {
     <div class="row"><${Button} busy=${comparing || busy} onClick=${read}
       data-configuration="compare">${t("page.reload_compare")}<//></div>
     <${ErrorNote} error=${compareError} />${isOutdated && html`<${Notice} kind="warning" live>${t("page.reload_outdated")}<//>`}
-    ${compared && html`<${CheckResult} result=${compared} />`}
+    ${compared && html`<${Compared} compared=${compared} file=${file} />`}
     <label class="check"><input type="checkbox" checked=${sure} disabled=${compared === null}
-      onChange=${(event) => setSure(event.target.checked)} />${t("page.reload_sure")}</label>
+      onChange=${(event) => setSure(event.target.checked)} />${t(compared?.tooLarge ? "page.reload_sure_unseen" : "page.reload_sure")}</label>
     <div class="row"><${Button} kind="main" busy=${busy} disabled=${!sure || !isLive.value}
       onClick=${send}>${t("page.reload")}<//></div>
     <${ErrorNote} error=${error} />
