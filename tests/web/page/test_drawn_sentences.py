@@ -145,7 +145,8 @@ def parameter(count: int, **fields: Any) -> dict[str, Any]:
         (parameter(0), "–"),
         (parameter(0, minimum=0.5, maximum=60), "0.5 … 60"),
         (parameter(2), "0 choice 01 choice 1"),
-        (parameter(2, choices_complete=False, minimum=0, maximum=9), "0 … 90 choice 01 choice 1"),
+        (parameter(2, choices_complete=False, minimum=0, maximum=9), "0 … 90 choice 01 choice 1…"),
+        (parameter(1, choices_complete=False), "0 choice 0…"),
         (parameter(5), "0 … 4" + "".join(f"{n} choice {n}" for n in range(5))),
     ],
 )

@@ -657,6 +657,31 @@ def test_the_actions_of_a_row_are_visible_on_a_phone(stage: Stage, visit: Any, t
     assert box["x"] + box["width"] <= edge["x"] + edge["width"] <= 360
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("tab", ["users", "tokens", "me"])
+def test_no_cell_of_a_users_tables_is_cut_off_on_a_phone(visit: Any, tab: str, language: str) -> None:
+    """The end of a token's validity was behind the button that removes it."""
+    page = visit(f"#/settings?tab={tab}", role="administrator", size=(375, 812), language=language)
+    if tab == "tokens":
+        page.click(".panel .button.main")
+        page.fill("dialog input >> nth=0", "history-of-the-boiler-house")
+        for box in page.locator("dialog input[type=checkbox]").all():
+            box.check()
+        page.click("dialog button[type=submit]")
+    page.locator(".stacks td.act .button").first.wait_for()
+    assert page.evaluate(CELLS_OUT_OF_PLACE) == []
+    titles = page.locator(".stacks tbody tr").first.locator("td").evaluate_all(TITLES_OF_CELLS)
+    heads = page.locator(".stacks thead th").all_text_contents()
+    assert titles == ["none", *(f'"{head}"' for head in heads[1:-1]), "none"]
+
+
+CELLS_OUT_OF_PLACE = """() => [...document.querySelectorAll(".stacks td")].filter((cell) => {
+  const [box, edge] = [cell, cell.closest(".panel")].map((one) => one.getBoundingClientRect());
+  return box.left < edge.left || box.right > edge.right || cell.scrollWidth > cell.clientWidth;
+}).map((cell) => cell.textContent)"""
+TITLES_OF_CELLS = "(cells) => cells.map((cell) => getComputedStyle(cell, '::before').content)"
+
+
 def test_a_user_ends_another_session_and_this_one(visit: Any, expect: Any) -> None:
     lost = visit("#/fleet", role="operator")
     page = visit("#/settings", role="operator")

@@ -157,13 +157,14 @@ export function Tabs({ label, tabs, value, onChange }) {
       ${shown[2]()}</div></div>`;
 }
 
-/** A table that scrolls within itself where the screen is narrow. `columns`: [[title, row → cell, class]…]. */
-export function Table({ caption, columns, rows, keyOf, empty, rowClass }) {
-  return html`<div class="scroll" tabindex="0" role="region" aria-label=${caption}><table class="data">
+/** A table that scrolls within itself where the screen is narrow; there the cells of one that `stacks` are below each other,
+ * with the first one and the buttons above. `columns`: [[title, row → cell, class]…]. */
+export function Table({ caption, columns, rows, keyOf, empty, rowClass, stacks = false }) {
+  return html`<div class=${stacks ? "scroll stacks" : "scroll"} tabindex="0" role="region" aria-label=${caption}><table class="data">
     <caption class="sr">${caption}</caption>
     <thead><tr>${columns.map(([title, , style]) => html`<th key=${title} class=${style} scope="col">${title}</th>`)}
     </tr></thead><tbody>${rows.map((row) => html`<tr key=${keyOf(row)} class=${rowClass?.(row)}>${columns.map(
-      ([title, cell, style]) => html`<td key=${title} class=${style}>${cell(row)}</td>`)}</tr>`)}
+      ([title, cell, style]) => html`<td key=${title} class=${style} data-title=${title}>${cell(row)}</td>`)}</tr>`)}
     ${rows.length === 0 && html`<tr><td class="empty" colspan=${columns.length}>${empty ?? t("page.nothing")}</td>
     </tr>`}</tbody></table></div>`;
 }

@@ -6,22 +6,21 @@ import { NO_VALUE, number } from "../format.js";
 /** More choices are folded below their range. */
 const MAX_UNFOLDED_CHOICES = 4;
 
-/** Range of a parameter: its least and greatest value, else the first and the last of its choices. */
-export function rangeText({ minimum, maximum, choices }) {
-  if (minimum !== null || maximum !== null) return `${number(minimum)} … ${number(maximum)}`;
-  const raws = Object.keys(choices);
-  return raws.length > 0 ? `${raws[0]} … ${raws.at(-1)}` : NO_VALUE;
+/** Least and greatest value of a parameter. */
+export function rangeText({ minimum, maximum }) {
+  return minimum === null && maximum === null ? NO_VALUE : `${number(minimum)} … ${number(maximum)}`;
 }
 
-/** Choices of a parameter by name, of a parameter without choices its range. */
+/** Range of a parameter, and its choices by name: many are folded, and "…" stands for those that the manual does not name. */
 export function Range({ parameter }) {
   const choices = Object.entries(parameter.choices);
-  if (choices.length === 0) return rangeText(parameter);
-  const names = html`<ul class="plain choice-names">${choices.map(([raw, text]) => html`<li key=${raw}>${raw} ${localized(text)}</li>`)}</ul>`;
-  if (choices.length > MAX_UNFOLDED_CHOICES) {
-    return html`<details class="more"><summary>${rangeText(parameter)}</summary>${names}</details>`;
-  }
-  return parameter.choices_complete ? names : html`${rangeText(parameter)}${names}`;
+  const range = rangeText(parameter);
+  if (choices.length === 0) return range;
+  const names = html`<ul class="choice-names">${choices.map(([raw, text]) => html`<li key=${raw}>${raw} ${localized(text)}</li>`)}
+    ${!parameter.choices_complete && html`<li>…</li>`}</ul>`;
+  if (choices.length <= MAX_UNFOLDED_CHOICES) return html`${range !== NO_VALUE && range}${names}`;
+  const summary = range === NO_VALUE ? `${choices[0][0]} … ${choices.at(-1)[0]}` : range;
+  return html`<details class="more"><summary>${summary}</summary>${names}</details>`;
 }
 
 /** A value with the choice's text where it has one. */

@@ -24,7 +24,7 @@ export function OwnSessions() {
   };
   return html`<section class="panel stack"><h2>${t("page.own_sessions")}</h2>
     <p class="help">${t("page.own_sessions_help")}</p>
-    <${Table} caption=${t("page.own_sessions")} columns=${columns} rows=${found.sessions} keyOf=${(one) => one.id} />
+    <${Table} stacks caption=${t("page.own_sessions")} columns=${columns} rows=${found.sessions} keyOf=${(one) => one.id} />
     ${ending && html`<${EndSession} ending=${ending} onClose=${close} />`}</section>`;
 }
 

@@ -26,7 +26,7 @@ export function Tokens() {
       <${Button} kind="main" onClick=${() => setOpen(true)}>${t("page.add_token")}<//></div>
     <p class="help">${t("page.tokens_help")}</p>
     ${made && html`<${Notice} kind="good" live title=${t("page.token_made")}><code class="secret">${made}</code><//>`}
-    <${Table} caption=${t("page.tokens")} columns=${columns} rows=${found.tokens} keyOf=${(token) => token.id} />
+    <${Table} stacks caption=${t("page.tokens")} columns=${columns} rows=${found.tokens} keyOf=${(token) => token.id} />
     ${open && html`<${NewToken} onClose=${close} />`}</section>`;
 }
 

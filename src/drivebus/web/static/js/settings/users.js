@@ -29,7 +29,7 @@ export function Users() {
   ];
   return html`<section class="panel stack"><div class="row between"><h2>${t("page.users")}</h2>
       <${Button} kind="main" onClick=${() => setOpen("new")}>${t("page.add_user")}<//></div>
-    <${Table} caption=${t("page.users")} columns=${columns} rows=${found.users} keyOf=${(user) => user.name} />
+    <${Table} stacks caption=${t("page.users")} columns=${columns} rows=${found.users} keyOf=${(user) => user.name} />
     ${open === "new" && html`<${NewUser} onClose=${close} />`}
     ${open && open !== "new" && html`<${ChangeUser} user=${open} onClose=${close} />`}</section>`;
 }
