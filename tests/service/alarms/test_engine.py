@@ -14,7 +14,8 @@ from drivebus.errors import NotFound
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service import config
 from drivebus.service.alarms import Alarm, AlarmEngine, SystemAlarm
-from drivebus.service.alarms.engine import AUTOMATIC_ACKNOWLEDGER, MAX_UNACKNOWLEDGED_PER_KEY, signal_name
+from drivebus.service.alarms.engine import AUTOMATIC_ACKNOWLEDGER, MAX_UNACKNOWLEDGED_PER_KEY
+from drivebus.service.alarms.texts import signal_name
 from drivebus.service.config.model import AlarmConfig, AlarmKind, AlarmPriority
 from drivebus.values import Quality, Text
 from fixtures.alarms import FAN, OVERCURRENT, RecordingAlarmLog, current, signal, view
@@ -250,8 +251,8 @@ def test_shelving_applies_to_all_alarms_of_a_key_until_its_end_on_the_monotonic_
     run(alarms, (20, view()), (21, view(fault=OVERCURRENT)))
     assert [alarm.shelved_until_ms for alarm in alarms.active()] == [130_000, 130_000]
     assert alarms.counts("fan-1") == {}
-    assert alarms.expire_shelves(129.9, 999_000_000) == []
-    assert words(alarms.expire_shelves(130.0, 0)) == ["unshelved fault", "unshelved fault"]
+    assert alarms.expire_shelves(129.9) == []
+    assert words(alarms.expire_shelves(130.0)) == ["unshelved fault", "unshelved fault"]
     assert alarms.counts("fan-1") == {"critical": 1}
 
 
@@ -260,7 +261,7 @@ def test_an_alarm_can_be_unshelved_early() -> None:
     run(alarms, (0, view(fault=OVERCURRENT)))
     alarms.shelve("a1", 60, 0.0, 0, by="anna", reason="repaired")
     assert words(alarms.unshelve("a1")) == ["unshelved fault"]
-    assert alarms.unshelve("a1") == alarms.expire_shelves(9e9, 0) == []
+    assert alarms.unshelve("a1") == alarms.expire_shelves(9e9) == []
     with pytest.raises(NotFound):
         alarms.shelve("a7", 1, 0.0, 0, by="anna", reason="repaired")
 
@@ -299,8 +300,8 @@ def test_shelving_of_an_earlier_run_lasts_a_day_at_most() -> None:
     run(before, (0, view(fault=OVERCURRENT)))
     before.shelve("a1", 1440, 0.0, 10**14, by="anna", reason="repaired")
     after = engine(known=tuple(before.active()), first_number=2, now=0.0, now_ms=0)
-    assert after.expire_shelves(86_399.0, 0) == []
-    assert words(after.expire_shelves(86_400.0, 0)) == ["unshelved fault"]
+    assert after.expire_shelves(86_399.0) == []
+    assert words(after.expire_shelves(86_400.0)) == ["unshelved fault"]
 
 
 def test_every_sentence_has_all_its_numbers() -> None:
@@ -338,8 +339,8 @@ def test_a_raised_alarm_survives_a_restart_and_is_not_raised_twice() -> None:
     before.shelve("a1", 10, 0.0, 0, by="anna", reason="repaired")
     after = engine(known=tuple(before.active()), first_number=2, now=1000.0, now_ms=60_000)
     assert run(after, (1001, view(fault=OVERCURRENT))) == []
-    assert after.expire_shelves(1539.9, 0) == []
-    assert words(after.expire_shelves(1540.0, 0)) == ["unshelved fault"]
+    assert after.expire_shelves(1539.9) == []
+    assert words(after.expire_shelves(1540.0)) == ["unshelved fault"]
     assert run(after, (1600, view()), (1601, view(fault=OVERCURRENT))) == ["1600 cleared fault", "1601 raised fault"]
     assert after.active()[0].id == "a2"
 

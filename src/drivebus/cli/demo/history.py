@@ -13,8 +13,9 @@ from random import Random
 from drivebus.cli.demo.layout import DemoBus, DemoDrive
 from drivebus.profiles.model import DriveProfile
 from drivebus.service.alarms.condition import LimitState, Observation
-from drivebus.service.alarms.engine import DEFAULT_ALARMS, configured_alarm
+from drivebus.service.alarms.engine import DEFAULT_ALARMS
 from drivebus.service.alarms.model import Alarm
+from drivebus.service.alarms.texts import configured_alarm
 from drivebus.service.config.model import DriveConfig
 from drivebus.service.live.views import Sample, fault_json
 from drivebus.service.runtime.run_statistics import RunStatistics

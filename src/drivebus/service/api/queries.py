@@ -120,12 +120,12 @@ class Queries:
         found: list[Json] = []
         async for bus in iter_cooperatively(tuple(self.plant.buses.values()), 1):
             if self.plant.buses.get(bus.config.id) is bus:
-                found.append(bus_view(self.plant, bus))
+                found.append(bus_view(bus))
         return {"buses": found}
 
     @handles(BUSES_GET)
     async def get_bus(self, params: BusParams, actor: Actor) -> Json:
-        return bus_view(self.plant, self.plant.bus_runtime(params.bus))
+        return bus_view(self.plant.bus_runtime(params.bus))
 
     @handles(BUSES_FRAMES)
     async def list_frames(self, params: FramesParams, actor: Actor) -> Json:

@@ -11,7 +11,7 @@ from typing import Any
 
 from drivebus import i18n
 from drivebus.profiles.diagnostics import bilingual_text
-from drivebus.service.alarms.engine import subject_name
+from drivebus.service.alarms.texts import subject_name
 from drivebus.service.audit.records import ERROR_TEXT
 from drivebus.service.config.model import PlantConfig, title_of
 from drivebus.service.control.comm_loss_record import CommLossResult

@@ -46,7 +46,7 @@ class LivePublisher:
         self._plant.hub.publish(f"drives/{view.id}", content)
 
     def publish_bus(self, bus: BusRuntime) -> None:
-        self._plant.hub.publish(f"buses/{bus.config.id}", bus_view(self._plant, bus))
+        self._plant.hub.publish(f"buses/{bus.config.id}", bus_view(bus))
 
     def publish_group(self, group: GroupConfig) -> None:
         self._plant.hub.publish(f"groups/{group.id}", self._groups.group_view(group))
@@ -109,7 +109,7 @@ def _directions(runtime: DriveRuntime) -> tuple[str, ...]:
     return tuple(way for way, may in allowed if may)
 
 
-def bus_view(plant: Plant, bus_runtime: BusRuntime) -> Json:
+def bus_view(bus_runtime: BusRuntime) -> Json:
     """Return the topic of a bus. Its figures include the failures of its stations."""
     bus, config = bus_runtime.bus, bus_runtime.config
     found = bus.statistics()

@@ -98,7 +98,7 @@ class SupervisionCycle:
             LOG.exception("a step of the supervision cycle failed")
 
     def _steps(self) -> Iterator[Step]:
-        plant, now_ms = self._plant, self._plant.wall_ms()
+        plant = self._plant
         plant.clock.follow_wall_clock()
         for runtime in tuple(plant.drives.values()):
             yield partial(self._supervise_drive, runtime)
@@ -110,7 +110,7 @@ class SupervisionCycle:
             yield partial(self._publish_group, group)
         for bus_runtime in tuple(plant.buses.values()) if self._cycles % BUS_VIEW_CYCLES == 0 else ():
             yield partial(self._supervise_bus, bus_runtime)
-        yield partial(self._supervise_plant, now_ms)
+        yield self._supervise_plant
         if self._cycles % STORAGE_CHECK_CYCLES == STORAGE_CHECK_CYCLES - 1:
             yield self._check_storage
         self._cycles += 1
@@ -156,14 +156,14 @@ class SupervisionCycle:
 
     def _supervise_bus(self, bus_runtime: BusRuntime) -> None:
         if self._plant.buses.get(bus_runtime.config.id) is bus_runtime:
-            self._supervise_port(bus_runtime, self._plant.now())
+            self._supervise_port(bus_runtime)
             self._publisher.publish_bus(bus_runtime)
 
     def _publish_group(self, group: GroupConfig) -> None:
         if group in self._plant.config.groups:
             self._publisher.publish_group(group)
 
-    def _supervise_plant(self, now_ms: int) -> None:
+    def _supervise_plant(self) -> None:
         plant = self._plant
         if self._cycles % DISK_CHECK_CYCLES == 0 and (self._disk_task is None or self._disk_task.done()):
             self._disk_task = asyncio.create_task(self._check_disk(), name="disk space")
@@ -171,7 +171,7 @@ class SupervisionCycle:
             plant.clear_alarm(SystemAlarm.STORAGE_FAILURE, subject="history")
         else:
             plant.raise_alarm(SystemAlarm.STORAGE_FAILURE, subject="history", reason=plant.historian.problem)
-        plant.publish_alarms(plant.alarms.expire_shelves(plant.now(), now_ms))
+        plant.publish_alarms(plant.alarms.expire_shelves(plant.now()))
         self._publisher.publish_plant()
 
     def _supervise_drive(self, runtime: DriveRuntime) -> None:
@@ -185,7 +185,7 @@ class SupervisionCycle:
         self._policies.on_status(runtime, status)
         self._plant.publish_alarms(self._plant.alarms.observe(view, now, now_ms))
         self._plant.put_view(view)
-        self._schedule_comm_loss_read(runtime, status, now)
+        self._schedule_comm_loss_read(runtime, now)
 
     def _report_presence(self, runtime: DriveRuntime, status: DriveStatus) -> None:
         """Publish an event when a drive stops answering, when its late or damaged replies come, and when it is back."""
@@ -225,7 +225,7 @@ class SupervisionCycle:
             runtime.unnamed_fault_at = now
         return runtime.unnamed_fault_at is not None and now - runtime.unnamed_fault_at < UNNAMED_FAULT_DELAY_S
 
-    def _supervise_port(self, bus_runtime: BusRuntime, now: float) -> None:
+    def _supervise_port(self, bus_runtime: BusRuntime) -> None:
         """Raise alarms for a lost port and a foreign master; publish an event when a port is lost or open again."""
         bus, plant = bus_runtime.config.id, self._plant
         title = bus_runtime.title
@@ -248,7 +248,7 @@ class SupervisionCycle:
 
     # --- communication loss ------------------------------------------------------------------------------------
 
-    def _schedule_comm_loss_read(self, runtime: DriveRuntime, status: DriveStatus, now: float) -> None:
+    def _schedule_comm_loss_read(self, runtime: DriveRuntime, now: float) -> None:
         """Read a drive's behaviour at communication loss: once it is online, after writes, and each hour."""
         if runtime.bus.presence(runtime.config.address) is not Presence.ONLINE or runtime.monitor is None:
             return
