@@ -16,6 +16,7 @@ from drivebus.service.alarms.service import AlarmService
 from drivebus.service.api.dispatcher import Dispatcher
 from drivebus.service.api.handlers import bound_handlers
 from drivebus.service.api.queries import Queries
+from drivebus.service.audit.chain import AUDIT_FILE
 from drivebus.service.auth.actor import SERVICE_NAME, Actor, local_actor
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.control.comm_loss_test import CommLossTests
@@ -143,7 +144,7 @@ class Service:
         plant = self.plant
         plant.started_ms = plant.wall_ms()
         if plant.audit.records_missing:
-            plant.raise_alarm(SystemAlarm.AUDIT_INCOMPLETE, subject="audit.jsonl")
+            plant.raise_alarm(SystemAlarm.AUDIT_INCOMPLETE, subject=AUDIT_FILE)
         if plant.audit.key_replaced:
             plant.raise_alarm(SystemAlarm.AUDIT_KEY_REPLACED, subject=plant.audit.paths.key.name)
         self._report_damaged_alarms()

@@ -214,9 +214,8 @@ class SessionTable:
         return len(ended)
 
     def _limit_sessions(self, user: str, now: float) -> None:
-        for session in self._by_digest.values():
-            session.expire(now)
-        for session in sorted(self.of_user(user), key=lambda session: session.active)[: 1 - MAX_SESSIONS_PER_USER]:
+        by_activity = sorted(self.open_sessions(user, now), key=lambda session: session.active)
+        for session in by_activity[: 1 - MAX_SESSIONS_PER_USER]:
             session.end("replaced")
         self._remove_ended()
 

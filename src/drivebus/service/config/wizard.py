@@ -25,7 +25,7 @@ from drivebus.values import parse_addresses
 
 @dataclass(frozen=True, slots=True)
 class DriveAnswer:
-    """Drive of a bus. ``others``: models that would answer alike; ``is_doubtful``: it answers unlike its model."""
+    """Drive of a bus."""
 
     address: int
     model: str
@@ -35,6 +35,7 @@ class DriveAnswer:
     others: tuple[str, ...] = ()
     """Models that the bus can't tell from the one that the user stated."""
     is_doubtful: bool = False
+    """Whether it answers unlike its model."""
     candidates: tuple[str, ...] = ()
     """Models that the drive may be where none was chosen: ``model`` is empty, and its table is commented out."""
 

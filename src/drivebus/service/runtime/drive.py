@@ -88,8 +88,9 @@ class DriveRuntime:
         self.reported_unusable_reply = False
         """The event of its absence, or a later one, has named what it sends."""
         self.reported_presence: Presence | None = None
+        """Presence of which an event was published last."""
         self.reported_fault: int | None = None
-        """Presence, and code of the fault, of which an event was published last."""
+        """Code of the fault of which an event was published last."""
         self.unnamed_fault_at: float | None = None
         """Monotonic time since which it has reported a fault without a code."""
         self.comm_loss_requested_at: float | None = None

@@ -81,7 +81,7 @@ class PlantListener:
     def on_alarm(self, change: AlarmChange) -> None: ...
 
     def on_samples(self, samples: Sequence[Sample]) -> None:
-        """New samples of one drive, at least one."""
+        """Handle new samples of one drive, at least one."""
 
     def on_view(self, view: DriveView) -> None:
         """Handle a new view of a drive, from every supervision cycle."""
