@@ -2,7 +2,6 @@
 // once, and the page reconnects by itself.
 import { computed, signal } from "./lib.js";
 import { loadSession, loggedIn, session } from "./session.js";
-import { loadPreference } from "./preferences.js";
 import { applyDelta, applySnapshot, noticeSleep, nowMs, serviceNow } from "./store.js";
 
 const DEFAULT_TOPICS = ["plant", "drives/*", "groups/*", "buses/*", "alarms"];
@@ -14,7 +13,7 @@ const SNAPSHOT_TIMEOUT_MS = 6000;
 const MAX_SNAPSHOT_TIMEOUT_MS = 30_000;
 const MIN_RECONNECT_DELAY_MS = 400;
 const MAX_RECONNECT_DELAY_MS = 5000;
-const INTERVAL_S = loadPreference("interval_s", 0.25);
+const INTERVAL_S = 0.25;
 
 /** "starting", "live", or "lost". */
 export const connection = signal("starting");

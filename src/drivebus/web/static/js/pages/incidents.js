@@ -100,7 +100,7 @@ function Signals({ found }) {
 
 function Parameters({ parameters }) {
   if (!parameters) return html`<p class="help">${t("page.parameters_not_read")}</p>`;
-  const rows = Object.entries(parameters ?? {});
+  const rows = Object.entries(parameters);
   const columns = [
     [t("page.notation"), ([name]) => html`<code>${name}</code>`],
     [t("page.parameter"), ([, one]) => localized(one.text), "wide"],
