@@ -15,7 +15,7 @@ ROUNDS, FRAMES = 7, 5000
 
 
 def seconds_each(work: Callable[[], object]) -> float:
-    """Median seconds of one call."""
+    """Return the median seconds of one call."""
     times = []
     for _ in range(ROUNDS):
         start = time.perf_counter()
@@ -64,7 +64,6 @@ def drivebus_rates() -> Figures:
 
 def pymodbus_pair_us() -> float:
     """Measure pymodbus' RTU framer: build a request and decode its reply."""
-
     from pymodbus.framer import FramerRTU
     from pymodbus.pdu import DecodePDU
     from pymodbus.pdu.register_message import ReadHoldingRegistersRequest

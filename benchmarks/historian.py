@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.__main__ import PROJECT_FOLDER, current_commit
+from benchmarks.harness import Figures
 from drivebus.service.api.operations.history import TrendParams
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import Historian
@@ -30,8 +31,6 @@ from drivebus.service.historian.points import DAY_MS, HOUR_MS, MINUTE_MS, RESOLU
 from drivebus.service.historian.store import Block, Compaction
 from drivebus.service.live.views import Sample
 from drivebus.values import Quality
-
-Figures = dict[str, Any]
 
 TAGS = [f"drive-{drive}.signal_{signal}" for drive in range(12) for signal in range(10)]
 START_MS = 1_767_225_600_000

@@ -12,6 +12,8 @@ from benchmarks.harness import Figures
 
 REQUEST_CHARACTERS = 8
 """Characters of a request, a stop included."""
+VC660_STOP_WRITE = b"\x06\x20\x00"
+"""VC660: FC06 to 2000H; bit 1 stops."""
 
 STOP_P999_MAX_MS, STOP_MAX_MS = 10, 50
 STOP_GOALS = {"p99.9 beyond the bound, ms": STOP_P999_MAX_MS, "max beyond the bound, ms": STOP_MAX_MS}
@@ -28,8 +30,8 @@ class WireRequest:
 
     @property
     def stopped_address(self) -> int | None:
-        """VC660, 2000H bit 1: the address that it stops."""
-        return self.data[0] if self.data[1:4] == b"\x06\x20\x00" and self.data[5] & 2 else None
+        """Address of the VC660 that it stops; None where it is no stop."""
+        return self.data[0] if self.data[1:4] == VC660_STOP_WRITE and self.data[5] & 2 else None
 
 
 def read_frames(path: Path) -> dict[int, list[WireRequest]]:

@@ -79,7 +79,6 @@ def shares(profile: Profile) -> tuple[dict[str, float], dict[str, float]]:
 
 def package_of(file: str) -> str:
     """Return the package of a file: ``drivebus.bus`` and so on, ``asyncio`` or ``other``."""
-
     parts = Path(file).parts
     if "drivebus" in parts and parts[-1] != "drivebus":
         after = parts[len(parts) - parts[::-1].index("drivebus") :]

@@ -124,7 +124,7 @@ class TimingBounds:
         return frames.delay_s + (frames.delay_characters + answer) * self.character_s + ADAPTER_DELAY_MAX_S
 
     def _longest_reply(self, data: bytes) -> int:
-        """Characters of the longest reply to this request."""
+        """Return the characters of the longest reply to this request."""
         longest = self.frames.reply_to
         return self.frames.reply if longest is None else longest(data)
 

@@ -17,6 +17,7 @@ import sys
 import time
 from pathlib import Path
 
+from benchmarks.latency import VC660_STOP_WRITE
 from benchmarks.wire_analysis import LONGEST_REPLY_BYTES
 from drivebus.bus import Bus, Poll
 from drivebus.bus.load import estimate_bus_load
@@ -33,8 +34,6 @@ PERIOD_S = 0.01
 PAUSE_S = 0.1
 """Longest pause between a confirmed stop and the next stop on its bus."""
 WARM_UP_S = 1.0
-VC660_STOP_WRITE = b"\x06\x20\x00"
-"""VC660: FC06 to 2000H; bit 1 stops."""
 RecordedCall = tuple[int, int, int, int, int]
 
 

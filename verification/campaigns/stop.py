@@ -142,10 +142,10 @@ class StopBus:
             )
             for drive in self.scenario.drives.values()
         ]
-        message = estimate_bus_load(polls, self.scenario.bus.settings).drives[LOAD_ADDRESSES[0]].stop_bound_s
-        if abs(message - self.stop_timer.bounds.stop_bound_s) > 1e-9:
+        reported_s = estimate_bus_load(polls, self.scenario.bus.settings).drives[LOAD_ADDRESSES[0]].stop_bound_s
+        if abs(reported_s - self.stop_timer.bounds.stop_bound_s) > 1e-9:
             self.violation(
-                f"the bus reports a bound of {message:.6f} s, it is {self.stop_timer.bounds.stop_bound_s:.6f} s"
+                f"the bus reports a bound of {reported_s:.6f} s, it is {self.stop_timer.bounds.stop_bound_s:.6f} s"
             )
 
     def violation(self, text: str) -> None:

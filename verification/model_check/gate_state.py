@@ -63,6 +63,7 @@ class GateState:
         "_owns_core",
         "_sequence_started",
         "command",
+        "command_word",
         "core",
         "events",
         "held_permit",
@@ -70,7 +71,6 @@ class GateState:
         "monitor",
         "now",
         "permits",
-        "shadow",
         "subject",
     )
 
@@ -84,7 +84,8 @@ class GateState:
         self.model_command: ModelCommand | None = None
         self.held_permit: HeldPermit | None = None
         self.permits: dict[int, PermitRecord] = {}
-        self.shadow = subject.command_word
+        self.command_word = subject.command_word
+        """What the dialect, which all states share, holds in this state."""
         self.events = TransitionEvents()
         self._sequence_started = False
         """Whether the first frame of the command was sent, so that the others may follow."""
@@ -95,11 +96,11 @@ class GateState:
         made = object.__new__(type(self))
         made.subject, made.core, made.now, made._owns_core = self.subject, self.core, self.now, False
         made._sequence_started = self._sequence_started
-        made.command, made.model_command, made.held_permit, made.shadow = (
+        made.command, made.model_command, made.held_permit, made.command_word = (
             self.command,
             self.model_command,
             self.held_permit,
-            self.shadow,
+            self.command_word,
         )
         made.permits, made.monitor, made.events = dict(self.permits), self.monitor.copy(), TransitionEvents()
         return made
@@ -120,7 +121,7 @@ class GateState:
             self.command_key(),
             self.held_permit_key(),
             [(slot, *self._permit_key(record)) for slot, record in sorted(self.permits.items())],
-            self.shadow,
+            self.command_word,
             self._sequence_started,
             self.monitor.command_word & 4,
             self.now % self.subject.grid.tick_s,
@@ -198,7 +199,7 @@ class GateState:
         if (
             self.held_permit is not None
             and len(self.permits) < slots
-            and self.subject.needs_permit(self.held_permit.place, self.shadow)
+            and self.subject.needs_permit(self.held_permit.place, self.command_word)
         ):
             found += ["submit", "raw"]
         return found + [f"cancel {slot}" for slot in sorted(self.permits) if rare]
@@ -217,16 +218,16 @@ class GateState:
         if self.command is None or OUR_ADDRESS not in self.core.stations:
             return []
         places = range(len(self.subject.frames) if self._sequence_started else 1)
-        return [place for place in places if self.subject.needs_permit(place, self.shadow)]
+        return [place for place in places if self.subject.needs_permit(place, self.command_word)]
 
     # --- transitions -------------------------------------------------------------------------------------------
 
     def apply(self, event: str) -> Self:
         """Apply an event and all commands of the core that follow from it."""
-        self.subject.command_word = self.shadow
+        self.subject.command_word = self.command_word
         word, _, rest = event.partition(" ")
         _EVENTS[word](self, rest)
-        self.shadow = self.subject.command_word
+        self.command_word = self.subject.command_word
         self._merge_equivalent()
         return self
 
@@ -245,7 +246,7 @@ class GateState:
 
     def grant(self, place: int, shown: PermissiveInputs, missing: tuple[str, ...]) -> Self:
         """Grant a permit for this combination of inputs."""
-        self.subject.command_word = self.shadow
+        self.subject.command_word = self.command_word
         assert self.command is not None and self.model_command is not None
         conditions = permissive_inputs.bus_snapshot(self.core, self.now)
         permit = permissive_inputs.request_permit(self.subject, self.command, place, conditions, shown)

@@ -121,13 +121,15 @@ class ModelSubject:
             word: Any = getattr(self.dialect, "command_word", None)
             word.levels, word._last_was_edge = held
 
-    def needs_permit(self, place: int, shadow: tuple[Any, ...]) -> bool:
+    def needs_permit(self, place: int, command_word: tuple[Any, ...]) -> bool:
         """Return whether this frame needs a permit: whether it is more than a stop for a drive with these levels."""
-        found = self.permit_needs.get((place, shadow))
+        found = self.permit_needs.get((place, command_word))
         if found is None:
-            self.command_word = shadow
+            self.command_word = command_word
             frame = self.dialect.codec.encode_request(self.frames[place].request)
-            found = self.permit_needs[place, shadow] = self.dialect.station_config.effect_of(frame) is not Effect.STOP
+            found = self.permit_needs[place, command_word] = (
+                self.dialect.station_config.effect_of(frame) is not Effect.STOP
+            )
         return found
 
     def stop_request(self, mode: StopMode) -> Any:

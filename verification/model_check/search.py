@@ -167,7 +167,7 @@ class StateSearch:
 
     def _decide(self, state: GateState, place: int) -> PermitDecision:
         """Return the decisions of the permissives, computed once for each situation."""
-        situation = state.command_key(), state.monitor.latched, state.shadow, place
+        situation = state.command_key(), state.monitor.latched, state.command_word, place
         found = self._decisions.get(situation)
         if found is None:
             found = self._decisions[situation] = decide_permit(self.subject, state, place, self.domain.small)
@@ -178,7 +178,7 @@ class StateSearch:
 def decide_permit(subject: ModelSubject, state: GateState, place: int, small: bool) -> PermitDecision:
     """Let the permissives decide on every combination of inputs."""
     assert state.command is not None and state.model_command is not None
-    subject.command_word = state.shadow
+    subject.command_word = state.command_word
     events = permissive_inputs.bus_snapshot(state.core, state.now)
     data = subject.dialect.codec.encode_request(subject.frames[place].request)
     effect = state.monitor.effect_of(data)

@@ -88,7 +88,7 @@ class WireState(GateState):
     def apply(self, event: str) -> Self:
         if event not in ("foreign", "duplicate", "quiet", "command"):
             return super().apply(event)
-        self.subject.command_word = self.shadow
+        self.subject.command_word = self.command_word
         if event == "command":
             self._command()
         elif event == "quiet":
@@ -97,7 +97,7 @@ class WireState(GateState):
             self.duplicate_replies = tuple(at for at in self.duplicate_replies if self.now - at <= DUPLICATE_LATCH_S)
         else:
             self._receive(event)
-        self.shadow = self.subject.command_word
+        self.command_word = self.subject.command_word
         return self
 
     def _command(self) -> None:
