@@ -32,7 +32,7 @@ def shipped() -> tuple[DriveProfile, ...]:
 
 
 def makers_table(language: str) -> str:
-    """Return the table of the makers, with their models by grade and the number of models."""
+    """Return the table of the makers, with their models by grade."""
     grades = [grade for grade in reversed(GRADES) if any(one.grade == grade for one in shipped())]
     by_maker: dict[str, dict[str, list[str]]] = {}
     for profile in shipped():

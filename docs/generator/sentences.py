@@ -39,7 +39,7 @@ HEADS = {
     "condition": Text("used when", "何时使用"),
     "proof": Text("test", "测试"),
 }
-CAMPAIGN = Text("campaign `statements`", "验证 `statements`")
+CAMPAIGN = Text("campaign `statements`", "试验 `statements`")
 SHORTEST_WORDING = 10
 """Characters of a text in a test, from which it may identify a sentence."""
 CHINESE_WORDING = re.compile("[一-鿿，：]{6,}")

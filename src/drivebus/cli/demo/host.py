@@ -63,7 +63,7 @@ from drivebus.types import Json
 
 LOGIN_CODE_LIFETIME_S = 12 * 3600.0  # the printed address logs in once, during a working day
 USER = "demo"
-PASSWORD_BYTES = 9  # the password is new each time, printed, and on the log-in page, which only this computer reaches
+PASSWORD_BYTES = 9  # the password is new each time, printed, and on the login page, which only this computer reaches
 LAST_CAPTION_S = 60.0  # the last caption of the script stays this long on the page
 PAGE_TIMEOUT_S = 30.0  # after this time a note reports that the page is late
 HISTORY_SEED = 1
