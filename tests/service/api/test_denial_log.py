@@ -134,6 +134,32 @@ def test_the_end_of_the_process_records_the_count_and_leaves_no_task(waited_s: f
     run(scenario())
 
 
+def test_a_denial_while_the_last_counts_are_written_is_counted_and_leaves_no_task() -> None:
+    """Regression: it made a new task, which waited 30 s for a process that ended."""
+    plant = FailingService(1.0)
+
+    async def scenario() -> None:
+        denials = denial_log(plant)
+        for _ in range(3):
+            await denials.record_denial("POST", "/stop", "k", EVE)
+        closing = asyncio.create_task(denials.close())
+        for target in ("/run", "/jog"):  # while the first, then the second of the last counts are written
+            await asyncio.sleep(0.5)
+            for _ in range(3):
+                await denials.count_denial("POST", target, "k", EVE)
+            await asyncio.sleep(0.5)
+        await closing
+        assert [(target, times) for target, _, times, _ in recorded_denials(plant)] == [
+            ("POST /stop", 1),
+            ("POST /stop", 2),
+            ("POST /run", 2),
+            ("POST /jog", 2),
+        ]
+        assert not [task for task in asyncio.all_tasks() if task.get_name() == "denial log"]
+
+    run(scenario())
+
+
 def test_kinds_beyond_the_limit_of_a_period_are_counted_together() -> None:
     plant = CountingService()
 

@@ -77,7 +77,7 @@ class DenialLog:
             kind = OTHER_KINDS
         if kind in self._counts or kind is OTHER_KINDS:
             self._counts[kind] = self._counts.get(kind, 0) + 1
-            if self._flush_task is None or self._flush_task.done():
+            if not self._closing.is_set() and (self._flush_task is None or self._flush_task.done()):
                 self._flush_task = asyncio.get_running_loop().create_task(self._flush_later(), name="denial log")
             return False
         self._counts[kind] = 0
@@ -89,12 +89,12 @@ class DenialLog:
         await self.flush()
 
     async def close(self) -> None:
-        """Record the number of repetitions now, at the end of the process."""
+        """Record the number of repetitions now, at the end of the process, also of those that come meanwhile."""
         self._closing.set()
         if self._flush_task is not None:
             await self._flush_task
-        self._closing.clear()
-        await self.flush()
+        while any(self._counts.values()):
+            await self.flush()
 
     async def flush(self) -> None:
         """Record the number of repetitions."""
