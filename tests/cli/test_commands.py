@@ -224,7 +224,9 @@ def test_a_quick_stop_sends_the_models_own_fast_stop(model: str, frame: str) -> 
     planned = run_json("stop", *words, "--dry-run")
     assert frame in planned["frames"][0]["hex"]
     assert run_json("stop", *words)["outcome"] == "confirmed"
-    assert run_json("stop", "--all", *words, code=2)["error"]["key"] == "stop_all.not_quick"
+    for option in (["--all"], ["--group", "fans"]):
+        refused = run_json("stop", *option, *words, code=2)["error"]
+        assert refused["key"] == "stop_all.not_quick" and f"with {option[0]} every" in refused["text"]
     assert run_json("stop", "sim://df800@1", "--model", "df800", "--address", "1", "--quick", code=1)["error"]
 
 

@@ -247,6 +247,32 @@ def test_stop_all_stops_the_whole_plant(plant: RunningService, service: str) -> 
         plant.run_in_loop(lambda drive=drive: plant.kit.call("start_inhibit.release", drive=drive))  # type: ignore[misc]
 
 
+def test_stop_of_a_group_stops_its_drives_and_permits_their_start(plant: RunningService, service: str) -> None:
+    found = run_command(service, "stop", "--group", "fans")
+    assert (sorted(found["confirmed"]), found["unconfirmed"]) == (["fan-1", "fan-2"], [])
+    assert {one["status"] for one in found["drives"].values()} == {"confirmed"}
+    view = plant.run_in_loop(lambda: plant.kit.call("drives.get", drive="fan-1"))
+    assert view["last_stop"]["kind"] == "group" and not view["start_inhibited"]
+    assert run_command(service, "stop", "--group", "pumps", code=1)["error"]["key"] == "plant.no_group"
+
+
+def test_stop_of_a_group_ends_with_4_where_a_drive_is_not_confirmed(
+    plant: RunningService, service: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The outcome or error of each drive is printed, and the errors with their reason."""
+    error = build_error_json("bus.no_reply", "NoReply", {"station": 2})
+
+    async def stop_many(runtimes: Any, actor: Any) -> Any:
+        return {"fan-1": {"status": "confirmed"}, "fan-2": error}
+
+    monkeypatch.setattr(plant.kit.service.stops, "stop_many", stop_many)
+    result = CliRunner().invoke(cli, ["stop", "--service", service, "--group", "fans", "--lang", "en"])
+    assert result.exit_code == ExitCode.UNKNOWN
+    assert "Stopped, confirmed: fan-1." in result.output and "check the drive locally: fan-2." in result.output
+    assert f"fan-2: {error['text']['en']}" in " ".join(result.output.split())
+    assert "drivebus release" not in result.output
+
+
 def test_a_limit_has_the_same_error_and_exit_code_through_a_service_and_on_a_port(service: str) -> None:
     on_port = CliRunner().invoke(
         cli, ["set-frequency", "sim://c320@1", "60", "--model", "c320", "--address", "1", "--json"]
@@ -296,6 +322,14 @@ def test_a_viewer_can_only_read(plant: RunningService, monkeypatch: pytest.Monke
         (["stop", "--service", "x", *FAN, "--model", "c320"], "service.not_with"),
         (["run", "--service", "x", *FAN, "--frequency", "1", "--wait"], "service.not_with"),
         (["stop", "--all", "--service", "x", "--address", "1"], "service.not_with"),
+        (["stop", "--group", "fans", "--service", "x", "--address", "1"], "service.not_with"),
+        (["stop", "--group", "fans", "--service", "x", "--dry-run"], "service.not_with"),
+        (["stop", "--group", "fans"], "service.group_alone"),
+        (["stop", "plant.toml", "--group", "fans"], "service.group_alone"),
+        (["stop", "--group", "fans", "--all", "--service", "x"], "stop_all.one_selection"),
+        (["stop", "--group", "fans", *FAN, "--service", "x"], "stop_all.one_selection"),
+        (["stop", "--all", *FAN, "--service", "x"], "stop_all.one_selection"),
+        (["stop", "--group", "fans", "--assume-model", "--service", "x"], "stop_all.not_assumed"),
         (["monitor", "--service", "x", "--record", "a.dbcap"], "service.not_with"),
         (["status", "--service", "ftp://127.0.0.1", *FAN], "service.address"),
         (["status", "--service", "http://a:b@127.0.0.1", *FAN], "service.address"),
@@ -308,6 +342,7 @@ def test_contradictory_options_are_a_usage_error(words: list[str], key: str, mon
     monkeypatch.setenv("DRIVEBUS_TOKEN", "t")
     result = CliRunner().invoke(cli, [*words, "--json"])
     assert (result.exit_code, json.loads(result.stdout)["error"]["key"]) == (ExitCode.USAGE, key)
+    assert "--addresses" not in result.stdout, "the name of the option as it is typed"
 
 
 @pytest.mark.parametrize(("value", "key"), [(None, "service.no_token"), ("a\nb", "service.token")])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -323,6 +324,20 @@ def test_a_value_given_twice_is_refused_with_both(line: str, message: str) -> No
     assert (result.exit_code, message in result.output) == (2, True), result.output
     chinese = message.partition("(")[2].partition(")")[0].replace(", ", "、")
     assert f"重复给出（{chinese}）" in run_words(line.split()).output
+
+
+@pytest.mark.parametrize(
+    ("addresses", "found"),
+    [("--address 1 --address 2", "1,2"), ("--address=1-2 --address 2 --address 2", "1-2,2"), ("--address 1,2", "1,2")],
+)
+def test_a_stop_of_several_addresses_is_answered_with_the_whole_command(addresses: str, found: str) -> None:
+    """It took two answers: first to write them together, then to add --all."""
+    result = run_words(["stop", "sim://c320@1-2", *addresses.split(), "--model", "c320", "--format", "8E1"], "en")
+    command = re.search(r"`drivebus (.*?)`", " ".join(result.output.split()))
+    assert result.exit_code == 2 and command is not None, result.output
+    assert command[1] == f"stop --all sim://c320@1-2 --model c320 --format 8E1 --lang en --address {found}"
+    assert run_words(command[1].split(), "en").exit_code == 0
+    assert "停多台请用 `drivebus stop --all" in run_words(["stop", "sim://c320@1-2", *addresses.split()]).output
 
 
 @pytest.mark.parametrize("alike", errors._SHARED_HINTS)

@@ -121,11 +121,16 @@ def service_drive_option() -> click.Option:
     return Option(["--drive"], metavar="NAME", example="--drive fan-1")
 
 
+def group_option() -> click.Option:
+    """Return ``--group``: the name of a group in the service's plant."""
+    return Option(["--group"], metavar="NAME", key="help.option.group")
+
+
 def selection_options(all_key: str) -> list[click.Option]:
     """Return ``--drive``, ``--group`` and ``--all`` of a service; ``all_key``: text of the last."""
     return [
         Option(["--drive", "drives"], multiple=True, metavar="NAME", key="help.option.drives"),
-        Option(["--group"], metavar="NAME", key="help.option.group"),
+        group_option(),
         Option(["--all", "everything"], is_flag=True, key=all_key),
     ]
 

@@ -42,23 +42,31 @@ def print_service_result(result: Json, service: str) -> ExitCode:
 
     ``service``: its URL or socket, for the command that releases the starts.
     """
-    drives = drives_by_status(result["outcomes"])
     durations_s = [bus["took_s"] for bus in result["buses"].values() if bus["took_s"] is not None]
     release = output.text("bus_stop.inhibited", service=shlex.quote(service))
-    text = result_text(drives, [release] if result["outcomes"] else [])
+    more = {"seconds": max(durations_s, default=None), "buses": result["buses"]}
+    return print_outcomes(result["outcomes"], more, [release] if result["outcomes"] else [])
+
+
+def print_outcomes(outcomes: Json, more: Json | None = None, notes: Iterable[str] = ()) -> ExitCode:
+    """Print the outcome of the stop of each drive of a service; return the exit code.
+
+    ``more``: further members of the JSON document. ``notes``: further sentences.
+    """
+    drives = drives_by_status(outcomes)
+    text = result_text(drives, notes)
     output.print_json(
         {
             "confirmed": drives["confirmed"],
             "acknowledged": drives["acknowledged"],
             "unconfirmed": drives["unknown"],
             "text": text,
-            "seconds": max(durations_s, default=None),
-            "buses": result["buses"],
-            "drives": result["outcomes"],
+            **(more or {}),
+            "drives": outcomes,
         }
     )
     output.print_text(output.wrap_for(text, sys.stdout))
-    unknown = {name: result["outcomes"][name].get("text") for name in drives["unknown"]}
+    unknown = {name: outcomes[name].get("text") for name in drives["unknown"]}
     print_reasons({name: text[output.language()] for name, text in unknown.items() if text})
     return exit_code(drives)
 

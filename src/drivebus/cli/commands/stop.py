@@ -1,9 +1,10 @@
-"""``stop``: stop one drive; with ``--all`` every drive of a bus or of a running service; and confirm it."""
+"""``stop``: stop one drive, a group of a service, or with ``--all`` every drive of a bus or service; and confirm it."""
 
 from __future__ import annotations
 
 import asyncio
 import json
+import shlex
 import sys
 from collections.abc import Awaitable, Mapping
 from contextlib import suppress
@@ -20,14 +21,21 @@ from drivebus.cli.connect import Target, record_port
 from drivebus.cli.drive_command import RemoteCommand, pop_remote_target, reject_local_options, run_command
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.stop_errors import stop_errors, stop_to_the_end
-from drivebus.cli.stop_result import drives_by_status, exit_code, print_reasons, print_service_result, result_text
+from drivebus.cli.stop_result import (
+    drives_by_status,
+    exit_code,
+    print_outcomes,
+    print_reasons,
+    print_service_result,
+    result_text,
+)
 from drivebus.errors import (
     ConfigurationError,
     PortError,
     StopUnconfirmed,
 )
 from drivebus.types import Json
-from drivebus.values import format_addresses
+from drivebus.values import format_addresses, parse_addresses
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus
@@ -40,18 +48,24 @@ PORT_RETURN_POLLS = 20  # a lost port is waited for 2 s, as long as a stop witho
 PORT_POLL_INTERVAL_S = 0.1  # pause between two of them
 EVIDENCE_OF_PRESENCE = {"late", "foreign", "duplicate"}  # frames of a station outside its own transaction, as counted
 STOP_ACCEPT_TIMEOUT_S = 3.0  # a service accepts a stop at once; only its result takes as long as a motor to stop
-_BUS_OPTIONS = ("model", "addresses", "baud", "format", "encoding", "option", "record")
+_BUS_OPTIONS = ("model", "address", "baud", "format", "encoding", "option", "record")
 
 
 def _stop(
     everything: bool,
+    group: str | None,
     quick: bool,
     assume_model: bool,
     directory: str | None,
     target: str | None = None,
     **given: Any,
 ) -> ExitCode:
+    if sum((everything, group is not None, given["drive"] is not None)) > 1:
+        raise ConfigurationError("stop_all.one_selection")
     with stop_to_the_end(dry_run=given["dry_run"]):
+        if group is not None:
+            _check_of_many("--group", quick, assume_model)
+            return _stop_group(given.pop("service"), group, given | {"directory": directory})
         if everything:
             return _stop_all(target, directory, quick, assume_model, given)
         if directory is not None:
@@ -62,19 +76,29 @@ def _stop(
 def _stop_all(
     target: str | None, directory: str | None, quick: bool, assume_model: bool, given: dict[str, Any]
 ) -> ExitCode:
-    if quick:
-        raise ConfigurationError("stop_all.not_quick")
-    if assume_model:
-        raise ConfigurationError("stop_all.not_assumed")
+    _check_of_many("--all", quick, assume_model)
     service = given.pop("service")
     if service is not None:
-        reject_local_options(given | {"directory": directory}, (*_BUS_OPTIONS, "drive", "directory"))
+        _reject_bus_options(given | {"directory": directory}, "directory")
         return _stop_service(service)
     if directory is not None or target is None or target.endswith(".toml"):
         folder = _state_folder(target, directory)
-        reject_local_options(given, (*_BUS_OPTIONS, "drive"))
+        _reject_bus_options(given)
         return _stop_local_service(folder)
     return _stop_bus(target, given)
+
+
+def _check_of_many(option: str, quick: bool, assume_model: bool) -> None:
+    """Raise ConfigurationError for an option that is for a stop of one drive."""
+    if quick:
+        raise ConfigurationError("stop_all.not_quick", option=option)
+    if assume_model:
+        raise ConfigurationError("stop_all.not_assumed", option=option)
+
+
+def _reject_bus_options(given: dict[str, Any], *more: str) -> None:
+    """Raise ConfigurationError for an option of a bus, or of ``more``, that a stop through a service does not take."""
+    reject_local_options(given | {"address": given["addresses"]}, (*_BUS_OPTIONS, *more))
 
 
 # --- one drive ----------------------------------------------------------------------------------------------------
@@ -90,8 +114,6 @@ def _stop_one(port: str | None, given: dict[str, Any], quick: bool, assume_model
             raise ConfigurationError("stop_all.plant_needs_all", file=port)
         _require("model", given["model"])
         _require("addresses", addresses)
-        if len(addresses) != 1:
-            raise _not_one_address(",".join(map(str, addresses)))
     target = remote or Target(port=str(port), address=addresses[0], **_port_options(given))
     if dry_run:
         return _print_plan(target, (target.address,), broadcast=False, quick=quick, assume_model=assume_model)
@@ -116,21 +138,12 @@ def _require(name: str, value: Any) -> None:
         raise click.MissingParameter(ctx=context, param=next(p for p in context.command.params if p.name == name))
 
 
-def _not_one_address(found: str) -> click.BadParameter:
-    context = click.get_current_context()
-    parameter = next(p for p in context.command.params if p.name == "addresses")
-    message = output.text("cli.found_expected", found=found, expected=output.text("cli.expect.one_address"))
-    return click.BadParameter(message, ctx=context, param=parameter)
-
-
 # --- all drives of a bus ------------------------------------------------------------------------------------------
 
 
 def _stop_bus(port: str, given: dict[str, Any]) -> ExitCode:
     """Stop the drives at ``--address``, or every drive that replies at an address of the model."""
     _require("model", given["model"])
-    if given["drive"] is not None:
-        raise ConfigurationError("service.drive_alone")
     target = Target(port=port, address=0, **_port_options(given))
     addresses = given["addresses"] or _all_addresses(target)
     _check_addresses(target, addresses)
@@ -313,7 +326,7 @@ def _print_plan(
     return print_plan(frames, target.open_port().settings, [(note, {}) for note in notes])
 
 
-# --- all drives of a service --------------------------------------------------------------------------------------
+# --- drives of a service ------------------------------------------------------------------------------------------
 
 
 def _stop_service(service: str) -> ExitCode:
@@ -324,6 +337,19 @@ def _stop_service(service: str) -> ExitCode:
     with stop_errors(service):
         result = call_once(service, PLANT_STOP.name, {})
     return print_service_result(result, service)
+
+
+def _stop_group(service: str | None, group: str, given: dict[str, Any]) -> ExitCode:
+    """Stop every drive of a group at once; starts are not inhibited by it."""
+    from drivebus.cli.remote.client import call_once
+    from drivebus.service.api.operations.groups import GROUP_STOP
+
+    if service is None:
+        raise ConfigurationError("service.group_alone")
+    _reject_bus_options(given, "directory")
+    with stop_errors(group):
+        result = call_once(service, GROUP_STOP.name, {"group": group})
+    return print_outcomes(result["outcomes"])
 
 
 def _stop_local_service(folder: Path) -> ExitCode:
@@ -388,7 +414,37 @@ async def _request_stop(folder: Path) -> Json:
     return result
 
 
-command = RemoteCommand(
+class StopCommand(RemoteCommand):
+    """Command that refuses several addresses without ``--all`` with the whole command that stops them."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if not ctx.resilient_parsing:
+            self._check_one_address(ctx, args)
+        return super().parse_args(ctx, args)
+
+    def _check_one_address(self, ctx: click.Context, args: list[str]) -> None:
+        """Raise BadParameter for several addresses without ``--all``."""
+        try:
+            values, _, _ = self.make_parser(ctx).parse_args(list(args))
+            found = ",".join(dict.fromkeys(values.get("addresses", ())))
+            is_one = len(parse_addresses(found)) == 1
+        except (click.UsageError, ValueError):
+            return  # the parsing that follows reports it
+        if is_one or values.get("everything") or values.get("service"):
+            return
+        words, others = iter(args), []
+        for word in words:
+            if word == "--address":
+                next(words, None)
+            elif not word.startswith("--address="):
+                others.append(word)
+        whole = shlex.join(["drivebus", "stop", "--all", *others, "--address", found])
+        param = next(each for each in self.params if each.name == "addresses")
+        expected = output.text("cli.expect.one_address", command=whole)
+        raise click.BadParameter(options.found_expected(found, expected), ctx, param)
+
+
+command = StopCommand(
     "stop",
     callback=_stop,
     params=[
@@ -411,6 +467,7 @@ command = RemoteCommand(
         options.record_option(),
         options.service_option(),
         options.service_drive_option(),
+        options.group_option(),
         options.dry_run_option(),
     ],
     examples=(
@@ -419,6 +476,7 @@ command = RemoteCommand(
         "drivebus stop /dev/ttyUSB0 --model vc660 --address 3 --quick",
         "drivebus stop /dev/ttyUSB0 --model ms300 --address 3 --assume-model",
         "drivebus stop --service http://127.0.0.1:8080 --drive fan-1",
+        "drivebus stop --service http://127.0.0.1:8080 --group fans",
         "drivebus stop --all /dev/ttyUSB0 --model c320 --address 1-8",
         "drivebus stop --all /dev/ttyUSB0 --model dzb100 --dry-run",
         "drivebus stop --all plant.toml",
