@@ -39,6 +39,7 @@ class WebConfig:
 
 
 _DEFAULTS = WebConfig()
+WILDCARD_HOSTS = ("0.0.0.0", "::")
 _ORIGIN = re.compile(r"https?://[A-Za-z0-9._\-\[\]:]+")
 
 
@@ -100,6 +101,23 @@ def web_certificates(web: WebConfig) -> tuple[CertificateFiles, ...]:
     return () if web.certificate is None or web.key is None else (CertificateFiles(web.certificate, web.key),)
 
 
+def url_host(host: str) -> str:
+    """Return a host as a URL has it: an IPv6 address in brackets."""
+    return f"[{host}]" if ":" in host else host
+
+
+def web_address(web: WebConfig) -> str | None:
+    """Return the URL of the page; None for port 0, which the system chooses.
+
+    ``HOST`` stands for the names of this machine where the page listens on all its addresses.
+    """
+    if web.port == 0:
+        return None
+    scheme = "http" if web.certificate is None else "https"
+    host = "HOST" if web.host in WILDCARD_HOSTS else url_host(web.host)
+    return f"{scheme}://{host}:{web.port}"
+
+
 GATEWAY = Gateway(
     name="web",
     module="drivebus.web",
@@ -107,6 +125,7 @@ GATEWAY = Gateway(
     settings=web_config,
     check=web_issues,
     certificates=web_certificates,
+    address=web_address,
     runs_without_table=True,
     extra="server",
 )

@@ -63,7 +63,7 @@ async def test_the_password_of_the_database_is_hidden_and_its_text_is_still_chec
         shown = (await kit.call("configuration.get"))["text"]
         assert shown == SHOP_FILE + history.replace("hunter2", "…")
         same = await kit.call("configuration.check", text=shown)
-        assert same == {"diagnostics": [], "difference": {"added": [], "changed": [], "removed": []}}
+        assert same["difference"] == {"added": [], "changed": [], "removed": []}
         copied = shown.replace('"shop"', f'"{SHOWN_URL}"').replace('"c320"', f'"{SHOWN_URL}"')
         copied += f'[group.g]\nmembers = ["{SHOWN_URL}"]\n["{SHOWN_URL}"]\n'
         wrong = await kit.call("configuration.check", text=copied)
@@ -121,7 +121,7 @@ def test_no_difference_shows_the_password_of_the_database(tmp_path: Path) -> Non
     found = configuration_check.check_text(
         SHOP_FILE.replace("[bus.a]", f'title = "{SHOWN_URL}"\n[bus.a]') + HISTORY.format(password="…"), running
     )
-    assert found == {"diagnostics": [], "difference": {"added": [], "changed": ["title"], "removed": []}}
+    assert found["difference"] == {"added": [], "changed": ["title"], "removed": []}
     found = configuration_check.check_text(SHOP_FILE + HISTORY.format(password="hunter3"), running)
     assert found["difference"]["changed"] == ["history"]
 
@@ -129,12 +129,39 @@ def test_no_difference_shows_the_password_of_the_database(tmp_path: Path) -> Non
 async def test_faults_and_differences_of_a_text_are_found(tmp_path: Path) -> None:
     async with shop(tmp_path) as (kit, client):
         good = await client.call("configuration.check", {"text": f"{SHOP_FILE}[drive.fan-2]{FAN_2}"}, LOCAL)
-        assert good == {"diagnostics": [], "difference": {"added": ["fan-2"], "changed": [], "removed": []}}
+        difference = {"added": ["fan-2"], "changed": [], "removed": []}
+        assert good == {"diagnostics": [], "difference": difference, "notes": []}
         same = await client.call("configuration.check", {"text": SHOP_FILE}, LOCAL)
-        assert same == {"diagnostics": [], "difference": {"added": [], "changed": [], "removed": []}}
+        assert same["difference"] == {"added": [], "changed": [], "removed": []}
         wrong = await client.call("configuration.check", {"text": SHOP_FILE.replace('"c320"', '"nonsense"')}, LOCAL)
         assert [one["line"] for one in wrong["diagnostics"]] == [14] and wrong["difference"] == {}
         assert kit.service.plant.config.source == str(tmp_path / "plant.toml")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "english"),
+    [
+        ("", "port = 9090", "starts it at http://127.0.0.1:9090: open it there"),
+        ("port = 9090", "", "starts it at http://127.0.0.1:8080: open it there"),
+        ("", 'host = "::1"', "starts it at http://[::1]:8080: open it there"),
+        ("", "port = 0", "starts it at a free port"),
+        ("port = 0", "port = 9090", "starts it at http://127.0.0.1:9090: open it there"),
+        ("", "enabled = false", "switches web off"),
+        ("", 'origins = ["https://hall.example"]', None),
+        ("enabled = false", "enabled = false\nport = 9090", None),
+        ("port = 0", "port = 0", None),
+    ],
+)
+def test_a_check_says_where_a_page_is_found_that_a_reload_moves(
+    before: str, after: str, english: str | None, tmp_path: Path
+) -> None:
+    """Regression: the reload of another port cut the page off without a word."""
+    file = tmp_path / "plant.toml"
+    file.write_text(f"{SHOP_FILE}[gateway.web]\n{before}\n")
+    running = load(file)
+    notes = configuration_check.check_text(f"{SHOP_FILE}[gateway.web]\n{after}\n", running)["notes"]
+    assert [english in note["en"] for note in notes] == ([] if english is None else [True]), notes
+    assert all("重新加载后 web" in note["zh"] for note in notes)
 
 
 async def test_one_check_runs_at_a_time_and_ends_with_its_client(tmp_path: Path) -> None:

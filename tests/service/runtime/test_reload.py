@@ -155,6 +155,20 @@ def test_a_start_inhibit_survives_a_change_of_the_bus(tmp_path: Path) -> None:
     run(scenario())
 
 
+def test_a_reload_says_where_the_page_is_found_that_it_moves(tmp_path: Path) -> None:
+    file = write(tmp_path / "plant.toml", FAN_1)
+
+    async def scenario() -> None:
+        async with running_service(load(file)) as kit:
+            assert (await kit.call("configuration.reload"))["notes"] == []
+            write(file, FAN_1, "[gateway.web]\nport = 9090\n")
+            (note,) = (await kit.call("configuration.reload"))["notes"]
+            assert note["en"].endswith("starts it at http://127.0.0.1:9090: open it there.")
+            assert (await kit.call("configuration.reload"))["notes"] == [], "it is there now"
+
+    run(scenario())
+
+
 def test_a_wrong_file_changes_nothing_and_every_mistake_is_reported(tmp_path: Path) -> None:
     file = write(tmp_path / "plant.toml", FAN_1, PUMP)
 

@@ -258,6 +258,7 @@ def _gateways(parsed: ParsedPlant) -> Iterator[GatewayConfig]:
             enabled=table.enabled,
             extra=gateway.extra,
             certificates=tuple(gateway.certificates(settings)),
+            address=gateway.address(settings),
         )
 
 

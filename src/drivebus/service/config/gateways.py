@@ -48,6 +48,8 @@ class Gateway:
     """Yield the issues of a well-formed table that the schema does not find; paths start in the table."""
     certificates: Callable[[Any], Sequence[CertificateFiles]] = lambda settings: ()
     """Return the TLS certificates that its process serves with these settings; the service announces their end."""
+    address: Callable[[Any], str | None] = lambda settings: None
+    """Return the address where users open it with these settings; None where it has none, or gets it at its start."""
     runs_without_table: bool = False
     """It runs in a plant whose file has no table for it. Then every key of the table has a default."""
     extra: str | None = None

@@ -201,6 +201,8 @@ class GatewayConfig:
     extra: str | None = None
     """Extra of the package drivebus whose libraries its process imports."""
     certificates: tuple[CertificateFiles, ...] = ()
+    address: str | None = None
+    """Where users open it; None where it has no address, or gets it at its start."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

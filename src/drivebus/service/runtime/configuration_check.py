@@ -87,7 +87,7 @@ def _kill(process: asyncio.subprocess.Process) -> None:
 
 
 def check_text(text: str, running: PlantConfig) -> Json:
-    """Return ``{"diagnostics", "difference"}`` of a text.
+    """Return ``{"diagnostics", "difference", "notes"}`` of a text.
 
     Profile files are read below the folder of the plant file, and where the running configuration has them: else a
     client could try which files exist on this machine, and what they hold. The password of the database in use is never
@@ -101,8 +101,12 @@ def check_text(text: str, running: PlantConfig) -> Json:
     try:
         new = loads(text, running.source, folder, may_read_model=may_read, history_url=running.history.url)
     except ConfigurationError as error:
-        return {"diagnostics": _diagnostics_json(error), "difference": {}}
-    return {"diagnostics": [], "difference": difference_json(config_diff(running, new))}
+        return {"diagnostics": _diagnostics_json(error), "difference": {}, "notes": []}
+    return {
+        "diagnostics": [],
+        "difference": difference_json(config_diff(running, new)),
+        "notes": address_notes(running, new),
+    }
 
 
 def difference_json(change: ConfigDiff) -> Json:
@@ -114,6 +118,20 @@ def difference_json(change: ConfigDiff) -> Json:
         "changed": _unique((*changed, *change.others)),
         "removed": _unique(id for part in parts for id in part.removed),
     }
+
+
+def address_notes(running: PlantConfig, new: PlantConfig) -> list[Json]:
+    """Return a sentence for each gateway that a reload moves or ends: its users lose it at its present address."""
+    wanted = {one.id: one for one in new.gateways if one.enabled}
+    notes = []
+    for before in running.gateways:
+        after = wanted.get(before.id)
+        address = after.address if after else None
+        if not before.enabled or before.address == address:
+            continue
+        key = "plant.gateway_moves" if address else "plant.gateway_moves_anywhere" if after else "plant.gateway_ends"
+        notes.append(localized(key, {"gateway": before.id, "address": address}))
+    return notes
 
 
 def _unique(found: Iterable[str]) -> list[str]:

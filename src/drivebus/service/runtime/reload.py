@@ -32,7 +32,7 @@ from drivebus.service.control.policies import may_be_running
 from drivebus.service.live.publisher import LivePublisher
 from drivebus.service.process.permissions import check_plant_files
 from drivebus.service.runtime.bus import BusRuntime
-from drivebus.service.runtime.configuration_check import ConfigurationCheck, difference_json
+from drivebus.service.runtime.configuration_check import ConfigurationCheck, address_notes, difference_json
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
 from drivebus.values import Text
@@ -75,12 +75,13 @@ class ConfigReload:
             new = await self._in_thread(lambda: _load_trusted(self.plant.config.source))
             change = config_diff(self.plant.config, new)
             self._refuse_if_running(change)
+            notes = address_notes(self.plant.config, new)
             await self._apply(change, new)
         names = difference_json(change)
         later = sorted(RESTART_ONLY & change.others.keys())
         key = "plant.reloaded_but" if later else "plant.reloaded"
         self.plant.publish_event("configuration", None, key, actor=actor.name, restart=Text.join_names(later))
-        return {"difference": names, "restart": later}
+        return {"difference": names, "restart": later, "notes": notes}
 
     def close(self) -> None:
         """End a check that is under way."""

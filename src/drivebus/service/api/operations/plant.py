@@ -131,17 +131,21 @@ class DiagnosticObject(ApiObject):
 
 
 class ConfigurationCheckResponse(ApiObject):
-    """Every fault of a configuration, or what it would change."""
+    """Every fault of a configuration, or what it would change. ``notes``: gateways that would move or end."""
 
     diagnostics: list[DiagnosticObject]
     difference: DifferenceObject
+    notes: list[LocalizedText]
 
 
 class ReloadResponse(ApiObject):
-    """Difference that the reload applied; ``restart`` names the settings that take effect at the next start only."""
+    """Difference that the reload applied; ``restart`` names the settings that take effect at the next start only.
+    ``notes``: gateways that move or end.
+    """
 
     difference: DifferenceObject
     restart: list[str]
+    notes: list[LocalizedText]
 
 
 PLANT_GET = Operation(

@@ -35,12 +35,17 @@ function CheckResult({ result }) {
   const diagnostics = result.diagnostics ?? [];
   if (diagnostics.length === 0) {
     return html`<${Notice} kind="good" live title=${t("page.configuration_good")}><${Difference}
-      difference=${result.difference} /><//>`;
+      difference=${result.difference} /><${Notes} notes=${result.notes} /><//>`;
   }
   return html`<${Notice} kind="bad" live title=${t("page.configuration_bad", { n: diagnostics.length })}>
     <ol class="diagnostics">${diagnostics.map((one, n) => html`<li key=${n}>
       ${one.line != null && html`<b>${t("page.line_n", { n: one.line })}</b>${" "}`}<span>${localized(one.text)}</span>
         </li>`)}</ol><//>`;
+}
+
+/** What a reload takes from its users: a gateway that moves or ends, such as this page. */
+function Notes({ notes }) {
+  return (notes ?? []).map((one, n) => html`<p key=${n}><b>${localized(one)}</b></p>`);
 }
 
 function Difference({ difference }) {
@@ -96,5 +101,6 @@ function Reload({ file, onDone }) {
     ${result && html`<${Notice} kind="good" live title=${t("page.reloaded")}><${Difference}
       difference=${result.difference} />
       ${result.restart?.length > 0
-        && html`<p>${t("page.at_restart", { names: result.restart.join(t("language.between_items")) })}</p>`}<//>`}</section>`;
+        && html`<p>${t("page.at_restart", { names: result.restart.join(t("language.between_items")) })}</p>`}
+      <${Notes} notes=${result.notes} /><//>`}</section>`;
 }
