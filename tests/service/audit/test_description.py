@@ -181,5 +181,19 @@ def test_the_error_of_a_drive_in_a_group_does_not_name_the_group_as_the_drive() 
     assert outcome_text(follower) == f"Confirmed; {unnamed}"
 
 
+def test_the_reason_of_a_denied_request_reads_as_words_without_the_values_that_a_record_lacks() -> None:
+    """Regression: "not done (auth.no_such_method)"."""
+    denied = record("refused", "POST /api/v1/drives/{drive}/limits", outcome="auth.no_such_method", who="@::1", times=1)
+    assert described(denied)["text"]["en"] == "Request denied: POST /api/v1/drives/{drive}/limits"
+    assert described(denied)["outcome_text"] == {
+        "en": "This address does not have the method",
+        "zh": "该地址没有此方法",
+    }
+    for key in ("forbidden", "token_forbidden", "idle", "too_many", "too_large", "too_slow", "not_json", "malformed"):
+        assert "(" not in outcome_text(record("refused", "POST /api/v1/stop", outcome=f"auth.{key}"))
+    assert outcome_text(record("drive.run", "fan-3", outcome="plant.forbidden")) == "The right was missing"
+    assert outcome_text(record("refused", "x", outcome="auth.twice")).startswith("A name occurred twice")
+
+
 def test_an_event_without_an_outcome_has_no_outcome_text() -> None:
     assert described(record("audit.opened", outcome=None))["outcome_text"] is None

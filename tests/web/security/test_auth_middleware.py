@@ -86,7 +86,7 @@ def test_a_denied_request_gets_a_reason_and_is_recorded(
         (message,) = harness.service.records
         assert message[0] == {
             "what": "refused",
-            "target": f"{method} {path if status == 401 else '-'}",
+            "target": f"{method} {'-' if status == 404 else path}",
             "outcome": key,
             "params": {"who": "@127.0.0.1", "times": 1},
         }
@@ -106,8 +106,11 @@ def test_a_token_reaches_routes_with_a_right_and_not_those_of_browser_sessions(t
         answer = await client.get("/api/v1/tokens")
         assert (answer.status_code, answer.json()["error"]["code"]) == (403, "auth.only_session")
         answer = await client.post("/api/v1/drives/fan-1/reset")
-        assert (answer.status_code, answer.json()["error"]["code"]) == (403, "auth.forbidden")
-        assert answer.json()["error"]["params"] == {"right": "operate"}
+        assert (answer.status_code, answer.json()["error"]["code"]) == (403, "auth.token_forbidden")
+        assert answer.json()["error"]["params"] == {"right": "operate", "token": "t"}
+        assert answer.json()["error"]["text"]["en"].startswith("The token t does not have the right operate, which its")
+        answer = await client.put("/api/v1/drives/fan-1/limits", json={})
+        assert (answer.status_code, answer.json()["error"]["code"]) == (403, "auth.forbidden"), "nor has its user"
         wrong = harness.client(authorization=f"Basic {secret}")
         assert (await wrong.get("/api/v1/drives")).status_code == 401
 

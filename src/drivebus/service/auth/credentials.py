@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivebus.service.auth.actor import Actor
-from drivebus.service.auth.rights import Right
+from drivebus.service.auth.rights import RequiredAccess, Right
 from drivebus.service.auth.sessions import Session
 from drivebus.service.auth.users import Token, UserDatabase
 
@@ -90,6 +90,10 @@ class TokenCredential:
         rights: frozenset[Right] = frozenset() if self.end_reason else held
         name = f"{self.token.user}/{self.token.name}"
         return Actor(name, rights, f"token-{self.token.id}", remote=True, address=self.address)
+
+    def user_may(self, right: RequiredAccess) -> bool:
+        """Return whether the user of the token has a right, which the token may lack."""
+        return right in self.context.database().rights_of(self.token.user)
 
     async def wait_ended(self) -> str:
         """Wait until the token ends or its rights change, and return the reason."""

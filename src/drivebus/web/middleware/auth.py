@@ -14,7 +14,7 @@ from drivebus.service.api.denial_log import DenialLog
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.credentials import Credential, SessionCredential, TokenCredential
 from drivebus.service.auth.errors import AccessDenied, NotAuthenticated, ResourceNotFound
-from drivebus.service.auth.rights import AccessLevel, Right
+from drivebus.service.auth.rights import AccessLevel, RequiredAccess, Right
 from drivebus.service.auth.service import AuthService
 from drivebus.service.runtime.fairness import yield_to_loop
 from drivebus.web.errors import MethodNotAllowed, http_status, send_error
@@ -137,16 +137,19 @@ class AuthMiddleware:
                 raise AccessDenied("auth.only_session")
             return
         if not credential.actor.may(route.access):
-            key = "auth.idle" if credential.is_idle else "auth.forbidden"
-            raise AccessDenied(key, right=route.access)
+            raise _right_missing(route.access, credential)
 
     async def _deny(
         self, error: DrivebusError, scope: Scope, route: Route | None, credential: Credential | None, send: Send
     ) -> None:
-        """Record and answer a denied request, after the requests that came before it."""
+        """Record and answer a denied request, after the requests that came before it.
+
+        The record has the path of the route table, also where it lacks the method; ``-`` stands for an unknown one.
+        """
         await yield_to_loop()
         actor = Actor("", frozenset(), "", address=client_address(scope)) if credential is None else credential.actor
-        await self.denials.record_denial(_method(scope), route.path if route else "-", error.key, actor)
+        known = [route] if route else self.routes.match(scope["path"])
+        await self.denials.record_denial(_method(scope), known[0].path if known else "-", error.key, actor)
         if scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": WEBSOCKET_CLOSE_BASE + http_status(type(error))})
         else:
@@ -161,6 +164,13 @@ class AuthMiddleware:
             await run_until_credential_ends(self.app, credential, scope, receive, send)
         else:
             await self.app(scope, receive, send)
+
+
+def _right_missing(right: RequiredAccess, credential: Credential) -> AccessDenied:
+    """Return the error of a missing right; it names the token where the user has the right."""
+    if isinstance(credential, TokenCredential) and credential.user_may(right):
+        return AccessDenied("auth.token_forbidden", right=right, token=credential.token.name)
+    return AccessDenied("auth.idle" if credential.is_idle else "auth.forbidden", right=right)
 
 
 def session_cookie(headers: Headers, uses_tls: bool = False) -> str | None:
