@@ -430,6 +430,22 @@ def test_a_list_in_a_sentence_has_the_mark_of_its_language() -> None:
     assert Text.join_names(["fan-1", "fan-2"]) == Text("fan-1, fan-2", "fan-1、fan-2")
 
 
+def log_lines_of_one_language(source: str) -> list[str]:
+    """Return the words of log calls that are written in the source."""
+    calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call) and node.args]
+    logs = [one for one in calls if re.fullmatch(r"(LOG|_log)\.(info|warning|error|exception)", ast.unparse(one.func))]
+    texts = [ast.unparse(one.args[0]) for one in logs if isinstance(one.args[0], ast.Constant | ast.JoinedStr)]
+    return [text for text in texts if re.search("[a-z]{2,}", text)]
+
+
+def test_every_line_of_the_log_follows_the_language_of_the_service() -> None:
+    """Regression: some lines at the end of a Chinese service were English."""
+    assert log_lines_of_one_language("LOG.error('no socket in %s', folder)") != []
+    assert log_lines_of_one_language("LOG.error('%s %s', method, path)") == []
+    files = [path for path in SOURCE.rglob("*.py") if "testing" not in path.parts]
+    assert {path.name: found for path in files if (found := log_lines_of_one_language(path.read_text("utf-8")))} == {}
+
+
 def test_only_a_language_with_unspaced_letters_is_searched_for_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
     """The rule ran on each English sentence too, with letters that never match."""
     searched: list[str] = []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 
+from drivebus import i18n
 from drivebus.errors import DrivebusError
 from drivebus.gateways.cache import TopicCache
 from drivebus.gateways.fanout import FanoutGroup, Patterns, Subscriber, matches_topic
@@ -93,9 +94,9 @@ class UpstreamFeed:
                     break
                 self._on_message(stream, message)
         except DrivebusError as error:
-            _log.warning("live: %s", error)
+            _log.warning(i18n.preferred_text("log.live_ended", why=error))
         except Exception:
-            _log.exception("live: a message of the service can't be read")
+            _log.exception(i18n.preferred_text("log.live_unreadable"))
         self.close(reason)
 
     def _on_message(self, stream: str, message: Json) -> None:

@@ -77,6 +77,11 @@ def text(key: str, language: str = "en", /, **params: Any) -> str:
     return (_close_gaps(sentence, values, re.compile(unspaced)) if unspaced else sentence).format_map(values)
 
 
+def preferred_text(key: str, /, **params: Any) -> str:
+    """Return the text of ``key`` in the language of this process, as for a line of its log."""
+    return text(key, preferred(), **params)
+
+
 def join(parts: Iterable[str], kind: ListParts, language: str) -> str:
     """Return the parts of a list as one text, with the mark of the language between them."""
     return text(f"language.between_{kind}", language).join(parts)

@@ -69,7 +69,7 @@ def _announce(address: str, auth: AuthService, arguments: GatewayArguments[WebCo
 
 
 def _print_notice(key: str, **params: str) -> None:
-    print_line(i18n.text(key, i18n.preferred(), **params), sys.stderr)
+    print_line(i18n.preferred_text(key, **params), sys.stderr)
 
 
 if __name__ == "__main__":

@@ -14,10 +14,11 @@ from typing import Any
 import uvicorn
 from fastapi import FastAPI
 
+from drivebus import i18n
 from drivebus.errors import ConfigurationError, SystemReason
 from drivebus.service.auth.service import AuthService
 from drivebus.service.config.loopback import is_loopback
-from drivebus.web.gateway import WebConfig
+from drivebus.web.gateway import WebConfig, url_host
 from drivebus.web.listener import (
     MAX_CONNECTIONS,
     MAX_CONNECTIONS_PER_ADDRESS,
@@ -115,7 +116,7 @@ class HttpServer:
         tls = self._tls = None if self.web.certificate is None else TlsContext(self.web)
         server = EmbeddedServer(server_config(self.app, None if tls is None else tls.context))
         scheme = "http" if self.web.certificate is None else "https"
-        self.on_address(f"{scheme}://{_url_host(host)}:{listener.getsockname()[1]}")
+        self.on_address(f"{scheme}://{url_host(host)}:{listener.getsockname()[1]}")
         closed = ClosedConnectionsLog(listener)
         serving = asyncio.create_task(server.serve([listener]))
         try:
@@ -143,14 +144,14 @@ class ClosedConnectionsLog:
         count = self._listener.closed_count
         if count == self._reported_count or now - self._reported_at < CLOSED_REPORT_INTERVAL_S:
             return
-        LOG.warning(
-            "%d connections were closed at once: %d are open, and the limit is %d, of one address %d; "
-            "the page may be out of reach, `drivebus stop --all PLANT.toml` is not",
-            count - self._reported_count,
-            self._listener.open_count,
-            MAX_CONNECTIONS + OVERLOAD_CONNECTIONS,
-            MAX_CONNECTIONS_PER_ADDRESS,
+        text = i18n.preferred_text(
+            "log.connections_closed",
+            count=count - self._reported_count,
+            open=self._listener.open_count,
+            most=MAX_CONNECTIONS + OVERLOAD_CONNECTIONS,
+            most_of_address=MAX_CONNECTIONS_PER_ADDRESS,
         )
+        LOG.warning(text)
         self._reported_count, self._reported_at = count, now
 
 
@@ -177,9 +178,10 @@ class TlsContext:
             _tls_context(self._web)  # the live context would lose its key with a certificate that does not fit
             self.context.load_cert_chain(*self._paths())
         except (ConfigurationError, OSError) as error:
-            LOG.warning("%s", error)
+            reason = error if isinstance(error, ConfigurationError) else SystemReason(error)
+            LOG.warning(reason.text(i18n.preferred()))
         else:
-            LOG.info("the certificate %s was taken over", self._web.certificate)
+            LOG.info(i18n.preferred_text("log.certificate_taken_over", file=self._web.certificate))
 
     def _paths(self) -> tuple[Path, Path | None]:
         assert self._web.certificate is not None
@@ -238,7 +240,3 @@ def bind_listener(host: str, port: int, trusted_proxies: Iterable[str] = ()) -> 
     except OSError as error:
         raise ConfigurationError("auth.can_not_listen", host=host, port=port, problem=SystemReason(error)) from error
     return listener
-
-
-def _url_host(host: str) -> str:
-    return f"[{host}]" if ":" in host else host

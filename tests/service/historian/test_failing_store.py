@@ -370,16 +370,21 @@ async def test_a_second_service_may_not_write_to_the_same_tables(
             assert (first.queries.tags(), len(third.queries.tags()["tags"])) == ({"tags": []}, 1)
 
 
+@pytest.mark.parametrize(
+    ("language", "line"),
+    [("en", "history is written again; samples lost: 7"), ("zh", "历史数据恢复写入；丢失样本 7 个")],
+)
 async def test_samples_that_an_outage_lost_are_logged_once_with_their_number(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+    language: str, line: str, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv("DRIVEBUS_LANG", language)
     async with historian_module.Historian(HistoryConfig(), tmp_path) as historian:
         historian.writer._record_failure(store_error("disk is full"))
         historian.queue.lost_samples = 7
         await historian.flush()
         historian.writer._record_failure(store_error("disk is full"))
         await historian.flush()
-    assert [record.getMessage() for record in caplog.records] == ["history is written again; samples lost: 7"]
+    assert [record.getMessage() for record in caplog.records] == [line]
 
 
 async def test_a_reader_connection_that_the_database_cut_does_not_keep_the_service_from_ending(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
 
-from drivebus import clock
+from drivebus import clock, i18n
 from drivebus.errors import AuditUnavailable, SystemReason
 from drivebus.service.audit.chain import KEY_REPLACED, MAX_AUDIT_FILE_BYTES, RECORDS_MISSING, AuditChain, AuditPaths
 from drivebus.service.audit.query import query_records
@@ -148,7 +148,8 @@ class AuditTrail:
         closing, logged = self._timer is None, self._logged_ms
         if closing or logged is None or not 0 <= checkpoint.time_ms - logged < LOG_INTERVAL_MS:
             self._logged_ms = checkpoint.time_ms
-            LOG.info("audit trail: record %d, checkpoint %d, %s", checkpoint.n, checkpoint.number, checkpoint.mac)
+            n, number, mac = checkpoint.n, checkpoint.number, checkpoint.mac
+            LOG.info(i18n.preferred_text("log.checkpoint", record=n, checkpoint=number, mac=mac))
 
     async def close(self) -> None:
         """Write queued records and a last checkpoint, then close the files. Idempotent."""

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
+from drivebus import i18n
 from drivebus.atomic_write import PRIVATE_FILE_MODE, atomic_write_private
 from drivebus.errors import ConfigurationError, SystemReason
 from drivebus.profiles.diagnostics import CONTROL_CHARACTERS, is_blank
@@ -161,6 +162,8 @@ def _unexpired(codes: Iterable[OneTimeCode], now_ms: int) -> tuple[OneTimeCode, 
 
 USER_FILE = "users.json"
 MAX_LOGGED_NAMES = 10
+USER_CHANGES = ("log.users_added", "log.users_removed", "log.users_edited")
+TOKEN_CHANGES = ("log.tokens_added", "log.tokens_removed", "log.tokens_edited")
 LOG = logging.getLogger("drivebus.service")
 _USER_DATABASE_ADAPTER = TypeAdapter(UserDatabase)
 
@@ -239,19 +242,16 @@ class UserFile:
 def _log_changes(path: Path, before: UserDatabase, after: UserDatabase) -> None:
     """Log the users and tokens that another program added, removed or changed."""
     kinds = (
-        ("users", {user.name: user for user in before.users}, {user.name: user for user in after.users}),
-        ("tokens", {token.id: token for token in before.tokens}, {token.id: token for token in after.tokens}),
+        (USER_CHANGES, {user.name: user for user in before.users}, {user.name: user for user in after.users}),
+        (TOKEN_CHANGES, {token.id: token for token in before.tokens}, {token.id: token for token in after.tokens}),
     )
     found = []
-    for kind, old, new in kinds:
-        changed = [name for name in old.keys() & new.keys() if old[name] != new[name]]
-        for what, names in (
-            ("added", new.keys() - old.keys()),
-            ("removed", old.keys() - new.keys()),
-            ("changed", changed),
-        ):
+    for keys, old, new in kinds:
+        edited = {name for name in old.keys() & new.keys() if old[name] != new[name]}
+        for key, names in zip(keys, (new.keys() - old.keys(), old.keys() - new.keys(), edited), strict=True):
             if names:
-                shown = ", ".join(sorted(names)[:MAX_LOGGED_NAMES])
-                found.append(f"{kind} {what}: {len(names)} ({shown}{', …' if len(names) > MAX_LOGGED_NAMES else ''})")
+                shown = [*sorted(names)[:MAX_LOGGED_NAMES], *(["…"] if len(names) > MAX_LOGGED_NAMES else [])]
+                found.append(i18n.preferred_text(key, n=len(names), names=shown))
     if found:
-        LOG.warning("%s was changed by another program; %s", path, "; ".join(found))
+        changes = i18n.join(found, "clauses", i18n.preferred())
+        LOG.warning(i18n.preferred_text("log.users_changed", file=path, changes=changes))

@@ -16,7 +16,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
-from drivebus import clock
+from drivebus import clock, i18n
 from drivebus.errors import ConfigurationError, ServiceUnavailable
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.config.model import HistoryConfig
@@ -105,7 +105,7 @@ class Historian:
             except Exception as error:
                 # A defect must not end the task: report it and try again in the next interval.
                 self.writer.problem = bilingual_text("history.defect", detail=repr(error))
-                LOG.exception("history can't be written")
+                LOG.exception(i18n.preferred_text("log.history_failed"))
 
     def _on_writer_thread(self, work: Callable[[], T]) -> Awaitable[T]:
         return asyncio.get_running_loop().run_in_executor(self._write_thread, work)

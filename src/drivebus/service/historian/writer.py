@@ -17,7 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from threading import Lock
 
-from drivebus import clock
+from drivebus import clock, i18n
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import compaction
@@ -286,7 +286,7 @@ class HistoryWriter:
         try:
             self.write()
         except StoreError:
-            LOG.error("history that came last is lost: %s", self.problem and self.problem.en)
+            LOG.error(i18n.preferred_text("log.history_lost", reason=self.problem))
         finally:
             self._is_open = False
             with suppress(StoreError):
@@ -317,7 +317,7 @@ class HistoryWriter:
         lost = self._queue.lost_samples - self._reported_lost
         self._reported_lost += lost
         if lost:
-            LOG.warning("history is written again; samples lost: %d", lost)
+            LOG.warning(i18n.preferred_text("log.history_again", lost=lost))
 
     def _record_failure(self, error: StoreError) -> None:
         """Close the store and keep the error: the service raises an alarm of it, which is the one line of the log."""

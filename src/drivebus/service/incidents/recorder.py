@@ -11,8 +11,10 @@ from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
 
+from drivebus import i18n
 from drivebus.bus.trace import TraceEvent, TraceKind
 from drivebus.capture.dbcap import CaptureHeader
+from drivebus.errors import DrivebusError, SystemReason
 from drivebus.profiles.model import DriveProfile
 from drivebus.serial_settings import SerialSettings
 from drivebus.service.alarms import Alarm, SystemAlarm
@@ -203,7 +205,8 @@ class IncidentRecorder:
             id = await asyncio.get_running_loop().run_in_executor(None, write)
         except OSError as error:
             self.error = error
-            LOG.error("an incident of %s could not be saved: %s", drive, error)
+            reason = SystemReason(error)
+            LOG.error(i18n.preferred_text("log.incident_not_saved", drive=drive, reason=reason))
             return None
         self.error = None
         if self._read_parameters is not None and drive:
@@ -220,7 +223,8 @@ class IncidentRecorder:
             found = await self._read_parameters(drive)
             await asyncio.get_running_loop().run_in_executor(None, partial(self._store.add_parameters, id, found))
         except Exception as error:  # the drive does not answer or the disk is full: the incident is complete without
-            LOG.warning("the parameters of %s could not be saved: %s", drive, error)
+            reason = error if isinstance(error, DrivebusError) else SystemReason(error)
+            LOG.warning(i18n.preferred_text("log.parameters_not_saved", drive=drive, reason=reason))
 
     async def close(self) -> None:
         """Finish saving incidents; cancel reading of parameters, also of those that are saved from now on."""

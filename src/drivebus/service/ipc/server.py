@@ -15,6 +15,7 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
+from drivebus import i18n
 from drivebus.errors import DrivebusError, InvalidParameters, ServiceUnavailable
 from drivebus.service.api.errors import error_to_json
 from drivebus.service.api.operations import OPERATIONS
@@ -84,7 +85,7 @@ class _ClientConnection:
             while line := await self._reader.readline():
                 self._handle(parse_json(line))
         except (ValueError, KeyError, TypeError, ConnectionError) as error:  # too long, not JSON, not a request
-            LOG.warning("a client of the service's socket was disconnected: %s", type(error).__name__)
+            LOG.warning(i18n.preferred_text("log.client_disconnected", reason=type(error).__name__))
         finally:
             ending = tuple(self._ending_tasks.values())
             for task in ending:
@@ -143,7 +144,7 @@ class _ClientConnection:
         except DrivebusError as error:
             await self._send({"id": id, "error": error_to_json(error)})
         except Exception:
-            LOG.exception("a request failed unexpectedly")
+            LOG.exception(i18n.preferred_text("log.request_failed"))
             await self._send({"id": id, "error": error_to_json(ServiceUnavailable("plant.internal"))})
 
     async def _live(self, id: Any, stream: str, actor: Actor) -> None:

@@ -12,6 +12,8 @@ import logging
 from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
+from drivebus import i18n
+from drivebus.errors import SystemReason
 from drivebus.service.config.model import GatewayConfig
 from drivebus.service.process.gateway_arguments import (
     AddressOutput,
@@ -82,7 +84,8 @@ class ChildProcess:
                 *self._command, stdin=asyncio.subprocess.PIPE, process_group=0
             )
         except OSError as error:
-            LOG.error("%s can't be started: %s", self._command[-1], error)
+            reason = SystemReason(error)
+            LOG.error(i18n.preferred_text("log.gateway_not_started", gateway=self._command[-1], reason=reason))
             return CAN_NOT_START_EXIT_CODE
         assert self.process.stdin is not None
         self.process.stdin.write(self._arguments)
@@ -183,7 +186,7 @@ class GatewaySupervisor(PlantListener):
     def _report_exit(self, name: str, code: int, repeated: bool) -> None:
         """Publish an event; of a gateway that keeps exiting only the first one, so that it fills no history."""
         if repeated:
-            LOG.warning("gateway %s ended again with %s", name, code)
+            LOG.warning(i18n.preferred_text("log.gateway_ended_again", gateway=name, code=code))
         else:
             self._plant.publish_event("gateway", None, "plant.gateway_ended", gateway=name, code=code)
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
+from drivebus import i18n
 from drivebus.atomic_write import PRIVATE_FILE_MODE
 from drivebus.errors import ConfigurationError, SystemReason
 from drivebus.service.process.permissions import check_trusted
@@ -53,7 +54,8 @@ def _open_lock_file(path: Path) -> int | None:
     except OSError as error:
         if error.errno not in _UNWRITABLE:
             raise
-        LOG.error("%s can't be written: %s; nothing is recorded until it can be", path.parent, SystemReason(error))
+        reason = SystemReason(error)
+        LOG.error(i18n.preferred_text("log.directory_unwritable", directory=path.parent, reason=reason))
         return None
 
 

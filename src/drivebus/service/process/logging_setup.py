@@ -92,7 +92,7 @@ class RepetitionFilter(logging.Filter):
             self._passed.clear()
         self._passed[kind] = now, 0
         if left_out:
-            record.msg, record.args = f"{text} (and {left_out} more)", None
+            record.msg, record.args = i18n.preferred_text("log.repeated", text=text, n=left_out), None
         return True
 
 

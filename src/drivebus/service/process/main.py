@@ -10,6 +10,7 @@ from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, supp
 from pathlib import Path
 from typing import Any
 
+from drivebus import i18n
 from drivebus.errors import ConfigurationError, DrivebusError, SystemReason
 from drivebus.service.api.operations.plant import CONFIGURATION_RELOAD
 from drivebus.service.app import SERVICE_ACTOR, Service, build_service
@@ -105,7 +106,8 @@ async def _service_sockets(service: Service, directory: Path) -> AsyncIterator[N
             except OSError as failure:
                 reason = SystemReason(failure)
                 raise ConfigurationError("plant.directory", directory=str(directory), reason=reason) from failure
-            LOG.error("no socket in %s: %s; the sockets are in %s", directory, SystemReason(error), folder)
+            reason = SystemReason(error)
+            LOG.error(i18n.preferred_text("log.sockets_elsewhere", directory=directory, reason=reason, folder=folder))
         restoring = asyncio.create_task(_restore_sockets(servers))
         stack.callback(restoring.cancel)
         yield
@@ -134,13 +136,12 @@ async def _restore_sockets(servers: tuple[SocketServer, StopServer]) -> None:
                 await server.open()
             except OSError as error:
                 if server.path not in missing:
-                    reason = SystemReason(error)
-                    LOG.error("the socket %s is missing: %s", server.path, reason, extra=AT_LONG_INTERVALS)
+                    text = i18n.preferred_text("log.socket_missing", socket=server.path, reason=SystemReason(error))
+                    LOG.error(text, extra=AT_LONG_INTERVALS)
                 missing.add(server.path)
             else:
-                LOG.warning(
-                    "the socket %s was removed or replaced; it is there again", server.path, extra=AT_LONG_INTERVALS
-                )
+                text = i18n.preferred_text("log.socket_restored", socket=server.path)
+                LOG.warning(text, extra=AT_LONG_INTERVALS)
                 missing.discard(server.path)
 
 
@@ -170,7 +171,7 @@ async def _reload(service: Service) -> None:
     try:
         await service.call(CONFIGURATION_RELOAD.name, {}, SERVICE_ACTOR)
     except DrivebusError as error:
-        LOG.error("nothing was reloaded: %s", error)
+        LOG.error(i18n.preferred_text("log.not_reloaded", why=error))
 
 
 ReloadCallbacks = list[Callable[[], Any]]

@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
+from drivebus import i18n
 from drivebus.bus.station import Presence
 from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
 from drivebus.drives.state import DriveState, DriveStatus, names_fault_label
@@ -95,7 +96,7 @@ class SupervisionCycle:
         try:
             step()
         except Exception:
-            LOG.exception("a step of the supervision cycle failed")
+            LOG.exception(i18n.preferred_text("log.supervision_failed"))
 
     def _steps(self) -> Iterator[Step]:
         plant = self._plant
@@ -139,7 +140,7 @@ class SupervisionCycle:
         """Publish an event for each file of a certificate that another user can read or replace, once until mended."""
         found = {str(error): error for error in problems}
         for text in found.keys() - self._exposed:
-            LOG.warning("%s", text)
+            LOG.warning(found[text].text(i18n.preferred()))
             texts = localized(found[text].key, found[text].params)
             self._plant.publish_event_text("configuration", None, texts, None, None, log=False)
         self._exposed = set(found)

@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from drivebus import i18n
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.store import FileStore, Store
 from drivebus.errors import ConfigurationError
@@ -90,6 +91,7 @@ def recover_settings(store: FileStore, drives: Iterable[str], now_ms: int) -> No
         try:
             aside = store.put_aside({LOST_LIMITS_KEY: json.dumps(sorted(drives))}, f".damaged-{now_ms}")
         except ConfigurationError as failure:
-            LOG.error("%s; %s", error, failure)
+            language = i18n.preferred()
+            LOG.error(i18n.join((error.text(language), failure.text(language)), "clauses", language))
         else:
-            LOG.error("%s; it was put aside as %s", error, aside)
+            LOG.error(i18n.preferred_text("log.put_aside", why=error, copy=aside))

@@ -51,6 +51,7 @@ COMMAND_LINE_TEXTS = frozenset(
         "history",
         "jog",
         "live",
+        "log",
         "loopback",
         "metrics",
         "models",
