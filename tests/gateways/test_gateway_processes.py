@@ -250,7 +250,11 @@ async def test_a_reload_restarts_only_the_gateway_whose_table_changed(tmp_path: 
 
         changed = PLANT.replace('"toy.jsonl"', '"other.jsonl"')
         answer = await reload(changed)
-        assert answer == {"difference": {"added": [], "changed": ["toy"], "removed": []}, "restart": []}
+        assert answer == {
+            "difference": {"added": [], "changed": ["toy"], "removed": []},
+            "restart": [],
+            "notes": [],
+        }
         await wait_for_growth(tmp_path / "other.jsonl")
         after = await plant.gateways()
         assert after["web"] == before["web"] and after["toy"]["pid"] != before["toy"]["pid"]
