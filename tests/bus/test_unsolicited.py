@@ -115,7 +115,7 @@ def test_the_gap_counts_from_the_last_byte_received_of_any_sender() -> None:
     assert script.sent[0][0] == pytest.approx(1.0 + CHARACTER_S + 3.5 * CHARACTER_S)
 
 
-def test_a_foreign_request_that_comes_while_we_wait_is_recognised() -> None:
+def test_a_foreign_request_that_comes_while_we_wait_is_recognized() -> None:
     """The bus has no idle time."""
     script = BusScript(make_core(1))
     foreign = CODEC.encode_request(modbus.ReadRegisters(9, 0x100, 2))

@@ -161,7 +161,7 @@ async def test_mbpoll_starts_and_stops_a_df800() -> None:
         await wait_until(lambda: not made.station(1).running, "standstill")
 
 
-async def test_mbpoll_does_not_recognise_the_df800s_short_error_as_an_exception() -> None:
+async def test_mbpoll_does_not_recognize_the_df800s_short_error_as_an_exception() -> None:
     """T15: the error has five bytes and an unchanged function, so a read ends as bad data and a write in a timeout."""
     made = quick_bench("df800@1")
     async with serve_on_pty(made) as path:

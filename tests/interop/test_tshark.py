@@ -406,7 +406,7 @@ def test_each_response_is_linked_to_the_request_that_it_answers(line: TsharkComp
 
 
 def test_without_all_modbus_only_damaged_requests_are_not_modbus(tmp_path: Path) -> None:
-    """drivebus sends no damaged request; a damaged reply is recognised by its request."""
+    """drivebus sends no damaged request; a damaged reply is recognized by its request."""
     frames = conversation(1, 1000)
     capture = recorded(tmp_path / "one.dbcap", frames, 1)
     modbus = [one.modbus for one in split_frames(read_capture(capture))]

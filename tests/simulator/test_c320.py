@@ -280,7 +280,7 @@ def test_the_first_byte_of_a_reply_comes_within_eight_characters() -> None:
 
 
 @pytest.mark.parametrize(("characters", "answered"), [(4.5, False), (5.1, True)])
-def test_a_frame_without_five_characters_of_silence_before_it_is_not_recognised(
+def test_a_frame_without_five_characters_of_silence_before_it_is_not_recognized(
     characters: float, answered: bool
 ) -> None:
     async def scenario() -> tuple[bytes, int]:

@@ -126,7 +126,7 @@ def test_bytes_after_a_c320_frame_without_silence_are_ignored() -> None:
     assert len(receiver.feed(frame, 0, LINE.seconds(5))) == 1
 
 
-def test_a_c320_recognises_both_encodings_by_their_head() -> None:
+def test_a_c320_recognizes_both_encodings_by_their_head() -> None:
     station = make_station("c320", 1)
     for codec in station.codecs:
         [frame] = received_frames(station, codec.encode_request(sunfar.ReadMonitor(1, 0)))

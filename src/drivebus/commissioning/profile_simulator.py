@@ -24,7 +24,7 @@ from drivebus.drives.dialects.modbus_writes import (
     CommandWrite,
     ModbusWrites,
     ParameterWrite,
-    RecognisedWrite,
+    RecognizedWrite,
     ResetWrite,
     SetpointWrite,
     UnlockWrite,
@@ -296,7 +296,7 @@ class ProfileStation(SimulatedStation):
 
     def _store(self, changes: Sequence[modbus.RegisterWrite]) -> int:
         """Execute a write. Return 0 or the code of the exception."""
-        writes = self._writes.recognise(changes)
+        writes = self._writes.recognize(changes)
         if writes is None:
             return ILLEGAL_REGISTER
         places = iter(changes)
@@ -307,7 +307,7 @@ class ProfileStation(SimulatedStation):
                 return code
         return 0
 
-    def _store_one(self, write: RecognisedWrite, changes: Sequence[modbus.RegisterWrite]) -> int:
+    def _store_one(self, write: RecognizedWrite, changes: Sequence[modbus.RegisterWrite]) -> int:
         match write:
             case CommandWrite() | SetpointWrite() if self.is_locked:
                 return ILLEGAL_FUNCTION

@@ -87,7 +87,7 @@ def _annotate(profile: DriveProfile, description: FrameDescription, sent: Mappin
             added |= _written_fields(profile, register, fields["value"]) | ({"saves": True} if saves else {})
             hazards = _write_hazards(profile, register, fields["value"])
         else:
-            added |= _recognised_fields(profile, fields)
+            added |= _recognized_fields(profile, fields)
     return annotate(description, added, tuple(errata), tuple(hazards))
 
 
@@ -182,14 +182,14 @@ def _value_row(profile: DriveProfile, locator: Locator, values: Mapping[Locator,
     return row | ({"name": name} if name else {}) | ({} if value is None else {"value": value, "unit": entry.unit})
 
 
-def _recognised_fields(profile: DriveProfile, fields: Mapping[str, Any]) -> FieldDict:
+def _recognized_fields(profile: DriveProfile, fields: Mapping[str, Any]) -> FieldDict:
     """Return what a write of coils or of several registers means."""
     changes = _changes(fields)
     commands = profile.commands.resolved(profile.options) if profile.commands else None
     features = profile.modbus or ModbusFeatures()
     added = FieldDict()
     place = 0
-    for write in ModbusWrites(0, profile, commands).recognise(changes) or ():
+    for write in ModbusWrites(0, profile, commands).recognize(changes) or ():
         match write:
             case CommandWrite(word=word):
                 added |= FieldDict(commands=_command_names(profile, word))

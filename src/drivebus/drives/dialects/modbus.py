@@ -39,7 +39,7 @@ from drivebus.drives.dialects.modbus_writes import (
     CommandWrite,
     ModbusWrites,
     ParameterWrite,
-    RecognisedWrite,
+    RecognizedWrite,
     UnlockWrite,
 )
 from drivebus.drives.dialects.setpoint_share import setpoint_scale
@@ -135,7 +135,7 @@ class ModbusDialect(Dialect):
     def effect(self, frame: bytes) -> Effect:
         """Return the effect of a frame; no valid request, or a register outside the tables, may move the motor."""
         try:
-            writes = self._writes.recognise(registers_written(frame, self.codec.encoding))
+            writes = self._writes.recognize(registers_written(frame, self.codec.encoding))
         except (ProtocolError, KeyError):
             return Effect.MOTION
         if writes is None:
@@ -145,7 +145,7 @@ class ModbusDialect(Dialect):
             return Effect.NONE
         return effects.pop() if len(effects) == 1 else Effect.MOTION
 
-    def _effect_of(self, write: RecognisedWrite) -> Effect:
+    def _effect_of(self, write: RecognizedWrite) -> Effect:
         match write:
             case CommandWrite(word=word):
                 return self._require_command_word().effect(word)
@@ -163,7 +163,7 @@ class ModbusDialect(Dialect):
             return False
         if changes and not self._is_addressed_here(frame):
             return False
-        writes = self._writes.recognise(changes)
+        writes = self._writes.recognize(changes)
         return writes is not None and all(self._is_mapped(write) for write in writes)
 
     def _is_addressed_here(self, frame: bytes) -> bool:
@@ -171,7 +171,7 @@ class ModbusDialect(Dialect):
         address = int(frame[1:3], 16) if self.codec.encoding == "ascii" else frame[0]
         return address == self.address
 
-    def _is_mapped(self, write: RecognisedWrite) -> bool:
+    def _is_mapped(self, write: RecognizedWrite) -> bool:
         return not isinstance(write, CommandWrite) or self._require_command_word().is_mapped(write.word)
 
     def _bus_sync_request(self, n: int) -> Any:
@@ -429,7 +429,7 @@ class ModbusDialect(Dialect):
         """Record the levels that the drive holds now."""
         if request.address != self.address or self.command_word is None:
             return
-        for write in self._writes.recognise(request_writes(request)) or ():
+        for write in self._writes.recognize(request_writes(request)) or ():
             if isinstance(write, CommandWrite):
                 self.command_word.on_sent(write.word)
 

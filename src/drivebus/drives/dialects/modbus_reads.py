@@ -107,7 +107,7 @@ def merge_reads(
 ) -> tuple[tuple[Span, float], ...]:
     """Merge touching spans of a space into reads within the model's limit, at the shortest period of each run.
 
-    ``sync``: sync probes are recognised in its space by their count, so no other read of it may have that count.
+    ``sync``: sync probes are recognized in its space by their count, so no other read of it may have that count.
     """
     runs: list[tuple[Span, float]] = []
     needed: dict[Span, float] = {}

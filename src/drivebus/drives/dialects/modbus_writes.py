@@ -1,4 +1,4 @@
-"""Writes of a Modbus drive: composed from the profile's registers and coils, and recognised again in a frame."""
+"""Writes of a Modbus drive: composed from the profile's registers and coils, and recognized again in a frame."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class ParameterWrite:
     width: int
 
 
-RecognisedWrite = CommandWrite | SetpointWrite | ResetWrite | UnlockWrite | ParameterWrite
+RecognizedWrite = CommandWrite | SetpointWrite | ResetWrite | UnlockWrite | ParameterWrite
 
 
 class ModbusWrites:
@@ -108,23 +108,23 @@ class ModbusWrites:
             return WriteRegister(self.address, register, number)
         return WriteRegisters(self.address, register, split_words(number, count, self._features))
 
-    def recognise(self, changes: Sequence[RegisterWrite]) -> list[RecognisedWrite] | None:
+    def recognize(self, changes: Sequence[RegisterWrite]) -> list[RecognizedWrite] | None:
         """Return what a frame writes; None where a change is unknown, or half of a number in two registers."""
-        found: list[RecognisedWrite] = []
+        found: list[RecognizedWrite] = []
         place = 0
         while place < len(changes):
-            one = self._recognise_first(changes[place:])
+            one = self._recognize_first(changes[place:])
             if one is None:
                 return None
             found.append(one)
             place += one.width
         return found
 
-    def _recognise_first(self, changes: Sequence[RegisterWrite]) -> RecognisedWrite | None:
+    def _recognize_first(self, changes: Sequence[RegisterWrite]) -> RecognizedWrite | None:
         space, register, value = changes[0]
         commands = self.commands
         if space == "coil":
-            return self._recognise_coils(changes)
+            return self._recognize_coils(changes)
         if commands is not None and commands.written_to == "register" and register == commands.register:
             word = self._number(changes, commands.words)
             return None if word is None else CommandWrite(word, commands.words)
@@ -141,8 +141,8 @@ class ModbusWrites:
             return None
         return ParameterWrite(parameter, parameter.scale.words)
 
-    def _recognise_coils(self, changes: Sequence[RegisterWrite]) -> CommandWrite | ParameterWrite | None:
-        """Recognise the whole command word in coils, or the one coil that is a command; never a part."""
+    def _recognize_coils(self, changes: Sequence[RegisterWrite]) -> CommandWrite | ParameterWrite | None:
+        """Recognize the whole command word in coils, or the one coil that is a command; never a part."""
         commands = self.commands
         space, first, value = changes[0]
         parameter = self._parameters.get((space, first))
