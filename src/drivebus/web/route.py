@@ -90,7 +90,7 @@ class AccessRouter:
             self.fastapi.add_api_route(route.path, handler, methods=[route.method], **options)
 
     def exempt(self, method: str, path: str, *, access: RequiredAccess) -> Callable[[Handler], Handler]:
-        """Decorator for the handler of a route that is no operation: a file of the page, the live WebSocket."""
+        """Return a decorator for the handler of a route that is no operation: a file or the live WebSocket."""
 
         def decorate(handler: Handler) -> Handler:
             self.add(Route(method=method, path=path, access=access), handler, include_in_schema=False)

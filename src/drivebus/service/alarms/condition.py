@@ -114,7 +114,7 @@ def _is_good_number(signal: SignalView) -> bool:
 
 
 def _fault(setting: AlarmConfig, view: DriveView) -> Observation:
-    """Normal only if the drive answers and reports no fault; unknown if it does not answer."""
+    """Observe the fault: normal only if the drive answers and reports none, unknown if it does not answer."""
     if view.fault is not None:
         code = view.fault.get("code")
         delay_s = UNNAMED_FAULT_DELAY_S if code == UNNAMED_FAULT_CODE else 0.0

@@ -14,7 +14,7 @@ HANDLERS: dict[str, Callable[..., Awaitable[Any]]] = {}
 
 
 def handles(operation: Operation) -> Callable[[Handler], Handler]:
-    """Decorator for the handler of ``operation``. Raises ValueError where it has one already."""
+    """Return a decorator for the handler of ``operation``. Raises ValueError where it has one already."""
 
     def bind(handler: Handler) -> Handler:
         if operation.name in HANDLERS:
