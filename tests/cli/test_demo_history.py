@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from drivebus import profiles
+from drivebus.cli.demo import host
 from drivebus.cli.demo.history import (
     HISTORY_HOURS,
     SAMPLE_INTERVAL_S,
@@ -91,6 +92,13 @@ def test_each_trip_of_the_history_is_an_alarm_that_was_acknowledged_and_cleared(
         assert not alarm.active and alarm.acknowledged_by == "demo"
         assert alarm.raised_ms < (alarm.acknowledged_ms or 0) <= (alarm.cleared_ms or 0)
         assert alarm.text.en.startswith("Fan reports a fault: ") and alarm.remedy.en
+
+
+def test_the_events_of_the_history_name_their_drive_as_the_page_does() -> None:
+    history = generator()
+    list(history.samples())
+    found = host._event_json(history.events[0], 0, Text("spindle 1", "主轴 1"))
+    assert found["text"]["en"].startswith("spindle 1:") and found["text"]["zh"].startswith("主轴 1：")
 
 
 def test_the_statistics_count_the_hours_of_the_history() -> None:

@@ -310,6 +310,22 @@ def window_of(page: Any) -> Any:
     return page.locator(".trend-window")
 
 
+CENTRES = """(row) => [...row.cells].slice(0, 2).map((cell) => {
+  const range = document.createRange();
+  range.selectNodeContents(cell);
+  const { top, height } = range.getBoundingClientRect();
+  return top + height / 2;
+})"""
+
+
+def test_on_a_phone_the_value_of_a_trend_stands_beside_the_name_of_its_signal(visit: Any) -> None:
+    """It stood above: a rule for every table outweighed that of this one."""
+    page = visit("#/history?tags=fan-1.output_frequency", size=(375, 812))
+    page.locator(".trend-readout .value").first.wait_for()
+    name, value = page.locator(".trend-readout tbody tr").first.evaluate(CENTRES)
+    assert abs(name - value) < 4
+
+
 def test_gestures_zoom_pan_and_measure(stage: Stage, visit: Any) -> None:
     """Drag, wheel, keys and cursors; a window of the past does not follow live values."""
     expect = expecting()

@@ -60,6 +60,7 @@ from drivebus.service.process.logging_setup import configure_logging
 from drivebus.service.process.main import run_service
 from drivebus.service.runtime.run_statistics import DOCUMENT_KIND
 from drivebus.types import Json
+from drivebus.values import Text
 
 LOGIN_CODE_LIFETIME_S = 12 * 3600.0  # the printed address logs in once, during a working day
 USER = "demo"
@@ -232,7 +233,7 @@ async def _write_history(config: PlantConfig) -> None:
                 samples = list(generator.samples())
                 historian.append(samples)
                 for number, event in enumerate(generator.events):
-                    historian.put_event(_event_json(event, number))
+                    historian.put_event(_event_json(event, number, setting.title))
                 alarms += past_alarms(setting, profile, generator.events, USER)
                 statistics = past_statistics(profile, samples, generator.events, start_ms)
                 historian.put_document(DOCUMENT_KIND, drive.key, statistics.to_document())
@@ -243,13 +244,13 @@ async def _write_history(config: PlantConfig) -> None:
     await log.close()
 
 
-def _event_json(event: DemoEvent, number: int) -> Json:
+def _event_json(event: DemoEvent, number: int, name: Text) -> Json:
     return {
         "id": f"shift-{event.drive}-{number}",
         "time_ms": event.time_ms,
         "kind": "fault" if event.kind == "trip" else "command",
         "drive": event.drive,
-        "text": localized(f"demo.{event.kind}", {"name": event.drive, "hz": f"{event.frequency_hz:g}"}),
+        "text": localized(f"demo.{event.kind}", {"name": name, "hz": f"{event.frequency_hz:g}"}),
         "actor": "demo",
         "outcome": None,
     }

@@ -55,7 +55,7 @@ export function KnownFaults({ view, profile }) {
   }, [profile, search]);
   if (profile.faults.length === 0) return html`<p>${t("page.no_fault_table")}</p>`;
   return html`<div class="stack"><${SearchField} value=${search} onChange=${setSearch} />
-    <${Table} caption=${t("page.all_faults")} rows=${rows} keyOf=${(one) => one.code}
+    <${Table} stacks caption=${t("page.all_faults")} rows=${rows} keyOf=${(one) => one.code}
       rowClass=${(one) => (view?.fault?.code === one.code ? "changed" : undefined)} columns=${[
         [t("page.code"), (one) => one.code, "right"], [t("page.label"), (one) => html`<b>${one.label}</b>`],
         [t("page.fault"), (one) => localized(one.text), "wide"], [t("page.cause"), (one) => localized(one.cause) || NO_VALUE, "wide"],

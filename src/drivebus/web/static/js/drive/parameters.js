@@ -140,7 +140,7 @@ export function ParametersTab({ view, profile }) {
 
 /** Parameters of a model that the plant may not have: nothing is read. */
 export function ModelParameters({ profile }) {
-  return html`<${Table} stacks caption=${t("page.tab_parameters")} rows=${profile.parameters} keyOf=${(one) => one.notation}
+  return html`<${Table} caption=${t("page.tab_parameters")} rows=${profile.parameters} keyOf=${(one) => one.notation}
     columns=${[
       [t("page.notation"), (one) => html`<code>${one.notation}</code>`],
       [t("page.parameter"), (one) => localized(one.text), "wide"],
