@@ -148,6 +148,14 @@ def test_the_last_row_can_be_scrolled_above_a_stop_bar_of_any_height(visit: Any)
     }""")  # a function: the page's policy forbids evaluating text
 
 
+def test_on_a_phone_the_stops_of_two_groups_stand_beside_each_other(visit: Any) -> None:
+    """Of ten groups eight were in sight, and nothing showed that the list scrolls."""
+    page = visit("#/fleet", size=(375, 812))
+    page.locator(".stops .stop").first.click()
+    first, second = (page.locator(".stopmenu .stop").nth(n).bounding_box() for n in range(2))
+    assert first["y"] == second["y"] and second["x"] + second["width"] <= 375
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 @pytest.mark.parametrize(
     "size", [(640, 450), (740, 360), (568, 320)], ids=["zoomed", "phone on its side", "small phone"]
