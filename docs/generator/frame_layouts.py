@@ -17,7 +17,11 @@ COUNT, BYTE_COUNT = Text("number of registers", "读取字数"), Text("byte coun
 VALUE, CRC, LRC = Text("value", "数据"), Text("CRC, low byte first", "CRC（低字节在前）"), Text("LRC", "LRC")
 SUB_FUNCTION, EXCEPTION = Text("sub-function", "测试功能号"), Text("exception code", "错误码")
 ERROR, ZERO = Text("error mark", "错误标志"), Text("always 00", "固定 00")
-CONSTANT, ASK, ANSWER = Text("constant S", "常数 S"), Text("A: whom", "A：命令认可"), Text("B: reply", "B：回复认可")
+CONSTANT, ASK, ANSWER = (
+    Text("constant S", "常数 S"),
+    Text("A: one drive or all", "A：命令认可"),
+    Text("B: reply", "B：回复认可"),
+)
 COMMAND, PARAMETER = Text("command", "运转命令"), Text("parameter", "参数号码")
 QUERY = Text("query item", "查询项")
 
