@@ -52,13 +52,14 @@ from drivebus.service.auth.rights import Role
 from drivebus.service.auth.service import AuthService
 from drivebus.service.config import load, profile_of
 from drivebus.service.config.model import PlantConfig
-from drivebus.service.control.waivers import CommLossWaiver
+from drivebus.service.control.waivers import CommLossWaiver, waiver_key
 from drivebus.service.historian import Historian
 from drivebus.service.ipc.client import SocketClient
 from drivebus.service.ipc.protocol import SERVICE_SOCKET, socket_path
 from drivebus.service.process.logging_setup import configure_logging
 from drivebus.service.process.main import run_service
 from drivebus.service.runtime.run_statistics import DOCUMENT_KIND
+from drivebus.service.storage.settings import SETTINGS_FILE
 from drivebus.types import Json
 from drivebus.values import Text
 
@@ -212,11 +213,11 @@ async def prepare(config: PlantConfig, password: str) -> str:
 
 def _write_waivers(config: PlantConfig) -> None:
     """Allow the start of simulated drives, whose reaction to a communication loss is harmless."""
-    store = FileStore(config.directory / "plant.json")
+    store = FileStore(config.directory / SETTINGS_FILE)
     buses = {bus.id: bus for bus in config.buses}
     reason = " · ".join(i18n.text("demo.waiver", language) for language in i18n.LANGUAGES)
     for drive in config.drives:
-        store.put(f"waiver/{drive.id}", CommLossWaiver.for_drive(reason, drive, buses[drive.bus]).to_json())
+        store.put(waiver_key(drive.id), CommLossWaiver.for_drive(reason, drive, buses[drive.bus]).to_json())
 
 
 async def _write_history(config: PlantConfig) -> None:

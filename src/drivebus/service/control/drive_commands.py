@@ -42,10 +42,11 @@ from drivebus.service.config.model import GroupConfig
 from drivebus.service.control.leases import ARM_TTL_S, arm_target_of_test
 from drivebus.service.control.start_blockers import check_start, check_test_start
 from drivebus.service.control.tickets import CommandTicket
-from drivebus.service.control.waivers import CommLossWaiver
+from drivebus.service.control.waivers import CommLossWaiver, waiver_key
 from drivebus.service.live.views import StopKind
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant, narrow_limits
+from drivebus.service.storage.settings import limits_key
 from drivebus.types import Json
 from drivebus.values import Text
 
@@ -278,7 +279,7 @@ class DriveCommands:
         """Record a waiver and return its text. Raises ConfigurationError."""
         text = f"{reason} ({actor.name})"
         waiver = CommLossWaiver.for_drive(text, runtime.config, self.plant.bus_of(runtime).config)
-        await self._store_value(f"waiver/{runtime.id}", waiver.to_json())
+        await self._store_value(waiver_key(runtime.id), waiver.to_json())
         runtime.waiver = text
         self.plant.publish_event("waiver", runtime.id, "plant.waived", actor=actor.name, reason=reason)
         return text
@@ -290,7 +291,7 @@ class DriveCommands:
     @handles(WAIVER_REVOKE)
     async def revoke_waiver(self, params: DriveParams, actor: Actor) -> Json:
         runtime = self.plant.drive_runtime(params.drive)
-        await self._store_value(f"waiver/{runtime.id}", "")
+        await self._store_value(waiver_key(runtime.id), "")
         runtime.waiver, runtime.waiver_of_another = None, None
         self.plant.publish_event("waiver", runtime.id, "plant.unwaived", actor=actor.name)
         return {}
@@ -306,7 +307,7 @@ class DriveCommands:
             raise LimitError(
                 "plant.limits", drive=runtime.id, minimum_hz=runtime.configured_range_hz[0], maximum_hz=highest
             )
-        await self._store_value(f"limits/{runtime.id}", json.dumps(asdict(own)))
+        await self._store_value(limits_key(runtime.id), json.dumps(asdict(own)))
         runtime.limits_lost = False
         runtime.set_limits(narrow_limits(own, runtime.config.limits))
         self.plant.report_lost_limits()

@@ -42,3 +42,8 @@ class CommLossWaiver:
     def recorded_for(self) -> dict[str, str]:
         """Model, port and address of the drive that it was recorded for, as message parameters."""
         return {"model": self.model, "port": self.port, "address": "?" if self.address is None else str(self.address)}
+
+
+def waiver_key(drive: str) -> str:
+    """Return the key of a drive's waiver in the settings."""
+    return f"waiver/{drive}"

@@ -17,7 +17,7 @@ from drivebus.drives.context import DriveLimits
 from drivebus.drives.store import FileStore, Store
 from drivebus.errors import ConfigurationError
 from drivebus.service.control.comm_loss_record import CommLossRecord, record_key
-from drivebus.service.control.waivers import CommLossWaiver
+from drivebus.service.control.waivers import CommLossWaiver, waiver_key
 
 SETTINGS_FILE = "plant.json"
 LOST_LIMITS_KEY = "lost-limits"
@@ -39,12 +39,17 @@ class StoredSettings:
     def of(cls, store: Store, drive: str) -> StoredSettings:
         """Read the settings of a drive. Never raises: what can't be read permits nothing."""
         try:
-            limits = store.get(f"limits/{drive}")
+            limits = store.get(limits_key(drive))
             found = None if limits is None else _limits_from_json(limits)
             lost = limits is None and drive in _names_from_json(store.get(LOST_LIMITS_KEY) or "[]")
         except (ConfigurationError, ValueError, TypeError, OverflowError, RecursionError):
             found, lost = None, True
         return cls(_stored_waiver(store, drive), found, lost, _stored_record(store, drive))
+
+
+def limits_key(drive: str) -> str:
+    """Return the key of a drive's own limits in the settings."""
+    return f"limits/{drive}"
 
 
 def _limits_from_json(text: str) -> DriveLimits:
@@ -68,7 +73,7 @@ def _names_from_json(text: str) -> list[str]:
 
 def _stored_waiver(store: Store, drive: str) -> CommLossWaiver | None:
     try:
-        found = CommLossWaiver.from_json(store.get(f"waiver/{drive}"))
+        found = CommLossWaiver.from_json(store.get(waiver_key(drive)))
     except (ConfigurationError, ValueError, TypeError, RecursionError):
         return None
     return (
