@@ -523,6 +523,29 @@ def test_a_reload_applies_nothing_where_the_file_has_changed_since_its_changes_w
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_reload_that_moves_the_page_says_before_and_after_it_where_the_page_is_found(
+    stage: Stage, visit: Any, expect: Any, language: str
+) -> None:
+    page = visit("#/settings?tab=configuration", role="administrator", language=language)
+    panel = page.locator("section.panel").last
+    file = Path(stage.service.plant.config.source)
+    before = file.read_text(encoding="utf-8")
+    note = i18n.text("plant.gateway_moves", language, gateway="web", address="http://127.0.0.1:9090")
+    back = i18n.text("plant.gateway_moves", language, gateway="web", address="http://127.0.0.1:8080")
+    try:
+        for text, expected in ((f"{before}\n[gateway.web]\nport = 9090\n", note), (before, back)):
+            file.write_text(text, encoding="utf-8")
+            page.click("[data-configuration=compare]")
+            expect(panel.locator(".notice.good")).to_contain_text(expected)
+            panel.locator("label.check").click()
+            panel.locator(".button.main").click()
+            expect(panel.locator(".notice.good")).to_contain_text(i18n.text("page.reloaded", language))
+            expect(panel.locator(".notice.good")).to_contain_text(expected)
+    finally:
+        file.write_text(before, encoding="utf-8")
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
 def test_a_plant_that_is_too_large_for_the_check_is_reloaded_after_a_check_on_its_machine(
     stage: Stage, visit: Any, expect: Any, monkeypatch: pytest.MonkeyPatch, language: str
 ) -> None:
