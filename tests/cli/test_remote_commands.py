@@ -273,6 +273,57 @@ def test_stop_of_a_group_ends_with_4_where_a_drive_is_not_confirmed(
     assert "drivebus release" not in result.output
 
 
+def test_set_frequency_of_a_group_sets_each_drive_and_gives_the_control_back(
+    plant: RunningService, service: str
+) -> None:
+    words = ["set-frequency", "--service", service, "--group", "fans", "12.5"]
+    result = CliRunner().invoke(cli, [*words, "--json"])
+    assert result.exit_code == 0, result.output
+    found = {one["drive"]: one["outcome"] for one in map(json.loads, result.stdout.splitlines())}
+    assert found == {"fan-1": "acknowledged", "fan-2": "acknowledged"}
+    assert [rest(plant, f"/drives/{drive}")["lease"] for drive in found] == [None, None]
+    assert "fan-2: Acknowledged, can't be confirmed: " in CliRunner().invoke(cli, [*words, "--lang", "en"]).output
+    assert "fan-2: 已应答，但无法确认：" in CliRunner().invoke(cli, [*words, "--lang", "zh"]).output
+
+
+def test_set_frequency_of_a_group_is_not_sent_where_another_user_has_control_of_a_drive(
+    plant: RunningService, service: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    engineer = {"Authorization": f"Bearer {token(Role.ENGINEER)}"}
+    httpx.post(f"{plant.url}{API_PREFIX}/drives/fan-2/lease", headers=engineer).raise_for_status()
+    monkeypatch.setenv("DRIVEBUS_TOKEN", token(Role.OPERATOR))
+    refused = run_command(plant.url, "set-frequency", "--group", "fans", "11", code=1)["error"]
+    assert (refused["key"], refused["params"]["drive"]) == ("plant.not_owner", "fan-2")
+    assert rest(plant, "/drives/fan-1")["lease"] is None, "the control that was taken before it"
+    assert run_command(service, "set-frequency", "--group", "pumps", "11", code=1)["error"]["key"] == "plant.no_group"
+
+
+@pytest.mark.parametrize(
+    ("answer", "code"),
+    [
+        (build_error_json("drives.state_forbids", "StartInhibited", {}), ExitCode.FAILED),
+        (build_error_json("service.lost", "OutcomeUnknown", {}), ExitCode.UNKNOWN),
+        ({"status": "unknown"}, ExitCode.UNKNOWN),
+        ({"status": "failed"}, ExitCode.FAILED),
+    ],
+)
+def test_set_frequency_of_a_group_ends_with_the_worst_outcome(
+    plant: RunningService, service: str, monkeypatch: pytest.MonkeyPatch, answer: Any, code: int
+) -> None:
+    set_one = plant.kit.service.commands.set_drive_frequency
+
+    async def fail_for_fan_2(drive: Any, *rest: Any) -> Any:
+        found = await set_one(drive, *rest)
+        return found if drive.id != "fan-2" else found | answer if "status" in answer else answer
+
+    monkeypatch.setattr(plant.kit.service.commands, "set_drive_frequency", fail_for_fan_2)
+    words = ["set-frequency", "--service", service, "--group", "fans", "12.5", "--lang", "en"]
+    result = CliRunner().invoke(cli, words)
+    assert result.exit_code == code, result.output
+    assert "fan-1: Acknowledged" in result.output and "\nfan-2: " in result.output
+    assert "fan-2: Acknowledged" not in result.output
+
+
 def test_a_limit_has_the_same_error_and_exit_code_through_a_service_and_on_a_port(service: str) -> None:
     on_port = CliRunner().invoke(
         cli, ["set-frequency", "sim://c320@1", "60", "--model", "c320", "--address", "1", "--json"]
@@ -325,6 +376,13 @@ def test_a_viewer_can_only_read(plant: RunningService, monkeypatch: pytest.Monke
         (["stop", "--group", "fans", "--service", "x", "--address", "1"], "service.not_with"),
         (["stop", "--group", "fans", "--service", "x", "--dry-run"], "service.not_with"),
         (["stop", "--group", "fans"], "service.group_alone"),
+        (["set-frequency", "--group", "fans", "--service", "x", *FAN, "5"], "service.drive_or_group"),
+        (["set-frequency", "--group", "fans", "--service", "x", "5", "--dry-run"], "service.not_with"),
+        (["set-frequency", "--group", "fans", "--service", "x", "5", "--baud", "9600"], "service.not_with"),
+        (
+            ["set-frequency", "sim://c320@1", "5", "--model", "c320", "--address", "1", "--group", "fans"],
+            "service.group_alone",
+        ),
         (["stop", "plant.toml", "--group", "fans"], "service.group_alone"),
         (["stop", "--group", "fans", "--all", "--service", "x"], "stop_all.one_selection"),
         (["stop", "--group", "fans", *FAN, "--service", "x"], "stop_all.one_selection"),

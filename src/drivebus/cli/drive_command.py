@@ -105,12 +105,14 @@ def drive_command(
     execute: Callable[..., Awaitable[ExitCode]],
     plan: Callable[..., ExitCode],
     *,
+    on_group: Callable[..., Awaitable[ExitCode]] | None = None,
     extra: tuple[click.Parameter, ...] = (),
     stops: bool = False,
     examples: tuple[str, ...],
 ) -> CliCommand:
     """Make a command: ``execute(target, **extra)`` runs it, ``plan(dry, **extra)`` prints its frames.
 
+    With ``on_group(service, group, **extra)`` it has ``--group``, for all drives of a group of a service.
     ``stops``: it is a stop, and an error that keeps it from being sent is reported as one of a stop.
     """
 
@@ -119,6 +121,8 @@ def drive_command(
             return run(**given)
 
     def run(**given: Any) -> ExitCode:
+        if on_group is not None and (group := given.pop("group")) is not None:
+            return asyncio.run(on_group(_pop_service_of_group(given), group, **given))  # type: ignore[arg-type]
         remote = pop_remote_target(given)
         dry_run = given.pop("dry_run")
         target = remote or pop_target(given)
@@ -131,7 +135,9 @@ def drive_command(
     port, *rest = options.drive_options()
     params = [port, *[param for param in extra if param.param_type_name == "argument"], *rest]
     params += [param for param in extra if param.param_type_name != "argument"]
-    params += [options.service_option(), options.service_drive_option(), options.dry_run_option()]
+    params += [options.service_option(), options.service_drive_option()]
+    params += [options.group_option()] if on_group is not None else []
+    params.append(options.dry_run_option())
     return RemoteCommand(name, callback=run_stop if stops else run, params=params, examples=examples)
 
 
@@ -161,6 +167,22 @@ def pop_remote_target(given: dict[str, Any]) -> Target | None:
 
     view = call_once(service, DRIVES_GET.name, {"drive": drive})
     return Target(port=service, model=view["model"], address=view["address"], service=service, drive=drive)
+
+
+def _pop_service_of_group(given: dict[str, Any]) -> str:
+    """Return ``--service``, and take it and the options of one drive or a port out of ``given``.
+
+    Raises ConfigurationError without it, and for an option that a service does not take.
+    """
+    service: str | None = given.pop("service")
+    if given.pop("drive") is not None:
+        raise ConfigurationError("service.drive_or_group")
+    if service is None:
+        raise ConfigurationError("service.group_alone")
+    reject_local_options(given, _PORT_OPTIONS)
+    for name in (*_PORT_OPTIONS, "dry_run"):
+        given.pop(name, None)
+    return service
 
 
 def reject_local_options(given: dict[str, Any], names: Sequence[str]) -> None:

@@ -19,6 +19,14 @@ async def _set(target: Target, frequency_hz: float) -> ExitCode:
     return await run_command(target, lambda drive: drive.set_frequency(frequency_hz))
 
 
+async def _set_group(service: str, group: str, frequency_hz: float) -> ExitCode:
+    """Set the frequency of the leader, or of every drive of a group without one; followers get their ratio of it."""
+    from drivebus.cli.remote.group import command_group, print_outcomes_by_drive
+    from drivebus.service.api.operations.groups import GROUP_SET_FREQUENCY
+
+    return print_outcomes_by_drive(await command_group(service, GROUP_SET_FREQUENCY, group, frequency_hz=frequency_hz))
+
+
 def _plan(dry: DryRun, frequency_hz: float) -> ExitCode:
     """Print the frames for a stopped drive, or for a running one if the frequency needs a run command."""
     from drivebus.drives.operations.setpoint import check_set_frequency
@@ -50,10 +58,12 @@ command = drive_command(
     "set-frequency",
     _set,
     _plan,
+    on_group=_set_group,
     extra=(Argument(["frequency_hz"], metavar="HZ", type=options.FREQUENCY),),
     examples=(
         "drivebus set-frequency /dev/ttyUSB0 25 --model c320 --address 1",
         "drivebus set-frequency /dev/ttyUSB0 12.5 --model vc660 --address 3 --dry-run",
         "drivebus set-frequency --service http://127.0.0.1:8080 --drive fan-1 25",
+        "drivebus set-frequency --service http://127.0.0.1:8080 --group fans 25",
     ),
 )
