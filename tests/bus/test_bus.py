@@ -128,6 +128,7 @@ def test_unplugging_fails_pending_requests_and_replays_none() -> None:
             port.unplug()
             answers = [await task for task in waiting]
             assert all(isinstance(result.error, PortLost) for result in answers)
+            assert len({id(result.error) for result in answers}) == 3, "each command marks an error of its own"
             assert bus.presence(1) is Presence.OFFLINE and not bus.is_open
             assert isinstance((await bus.transact(read_request())).error, PortLost)
             count, started = len(results), station.start_count

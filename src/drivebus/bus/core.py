@@ -364,9 +364,9 @@ class BusCore:
         transaction, self.transaction = self.transaction, None
         if transaction is not None:
             self._record_bus_time(transaction, now)
-            self._complete(transaction.prepared, error, transaction)
+            self._complete(transaction.prepared, copy_error(error), transaction)
         for prepared in self.scheduler.remove_if(lambda prepared: True):
-            self._complete(prepared, error)
+            self._complete(prepared, copy_error(error))
         for station in self.stations.values():
             station.stop_epoch += 1
             station.failure_reason = station.earlier_failure_reason = station.unusable_reply = None
