@@ -44,6 +44,8 @@
 from __future__ import annotations
 
 import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from typing import Any, ClassVar
 
@@ -97,6 +99,12 @@ class DrivebusError(Exception):
     retryable: ClassVar[bool] = False
     outcome: Any = None
     """The ``drives.outcome.Outcome`` of a command that ended in this error: status and evidence."""
+    may_be_running: bool | None = None
+    """Whether the motor may be running by the command that ended in this error, so that a stop must follow.
+
+    False: no frame that moves was sent, the drive rejected it, or a stop after it is confirmed. None: not known, which
+    counts as True.
+    """
 
     def __init__(self, key: str, /, **params: Any) -> None:
         self.key = key
@@ -109,6 +117,16 @@ class DrivebusError(Exception):
 
     def __str__(self) -> str:
         return self.text("en")
+
+
+@contextmanager
+def before_motion() -> Iterator[None]:
+    """Mark an error of the block as one before which no frame that moves was sent."""
+    try:
+        yield
+    except DrivebusError as error:
+        error.may_be_running = False
+        raise
 
 
 class ConfigurationError(DrivebusError):

@@ -456,19 +456,6 @@ def test_each_error_has_its_exit_code(error: errors.DrivebusError, code: int) ->
     assert cli_errors.exit_code_of(error) == code
 
 
-def test_an_error_after_which_the_motor_may_turn_is_followed_by_a_stop() -> None:
-    from drivebus.cli.commands.run import nothing_moved
-
-    after = (errors.TargetNotReached, errors.OutcomeUnknown, errors.StopUnconfirmed)
-    before = (errors.LimitError, errors.StartInhibited, errors.PreflightError, errors.DriveRejected, errors.NoReply)
-    before += (errors.ChecksumError, errors.TrailingError, errors.AddressError)  # of a read before the start
-    for unknown in (errors.NoReply("x"), errors.ChecksumError("x")):
-        unknown.outcome = object()
-        assert not nothing_moved(unknown)
-    assert all(nothing_moved(kind("x")) for kind in before)
-    assert not any(nothing_moved(kind("x")) for kind in after)
-
-
 def test_a_run_whose_reads_before_the_start_are_damaged_sends_no_stop_to_a_drive_that_others_may_run() -> None:
     """As after a missing reply: nothing was sent that the end of the command would have to undo."""
     result = CliRunner().invoke(

@@ -19,7 +19,7 @@ from click.testing import CliRunner
 from drivebus import i18n
 from drivebus.cli import output
 from drivebus.cli.commands import comm_loss_test as comm_loss_test_command
-from drivebus.cli.drive_command import nothing_moved
+from drivebus.cli.drive_command import must_stop_after
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
 from drivebus.cli.remote import http_client
@@ -236,7 +236,7 @@ def test_an_outcome_in_the_form_of_another_version_is_unknown_and_followed_by_a_
     superseded.outcome = outcome
     error = parse_error_outcome(superseded)
     assert (error.key, error.outcome.status) == ("drives.superseded", OutcomeStatus.UNKNOWN)
-    assert not nothing_moved(error) and error.outcome.note_texts() == []
+    assert must_stop_after(error) and error.outcome.note_texts() == []
 
 
 def test_stop_all_stops_the_whole_plant(plant: RunningService, service: str) -> None:

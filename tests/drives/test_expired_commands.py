@@ -153,9 +153,11 @@ def test_a_request_time_by_another_clock_counts_as_now() -> None:
     async def aged() -> float:
         async with SimulatedDrives("c320") as bench:
             drive = bench.drive()
-            op = drive._runner.new_command(1.8e9)
+            with drive._runner.command(1.8e9) as op:
+                pass
             assert op.age.requested_at == op.age.checks_started_at == bench.bus.now()
-            early = drive._runner.new_command(bench.bus.now() - HOUR_S)
+            with drive._runner.command(bench.bus.now() - HOUR_S) as early:
+                pass
             with pytest.raises(Expired):
                 await drive.run(20.0, requested_at=early.age.requested_at)
             await asyncio.sleep(CHECKS_TIMEOUT_S)

@@ -233,6 +233,23 @@ def test_a_running_drive_gets_a_corrected_word_at_once_where_its_maximum_was_cha
     story(tell)
 
 
+def test_a_run_whose_corrected_word_is_withheld_says_that_the_motor_may_be_running(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Elsewhere nothing is sent before a start is inhibited: no stop followed, and the motor ran on at 40 Hz."""
+
+    async def tell() -> None:
+        async with simulated_drive("skf8000", profile=without_set_frequency("skf8000")) as (drive, station):
+            await drive.run(10.0)
+            change_the_maximum_with_the_next_setpoint(station, 10000)
+            monkeypatch.setattr(drive.bus, "start_inhibited", lambda _: station.setpoint_word == 4000)
+            with pytest.raises(StartInhibited) as caught:
+                await drive.run(20.0)
+            assert caught.value.may_be_running is True and station.running
+
+    story(tell)
+
+
 def test_a_running_drive_whose_maximum_changes_with_each_word_gets_no_third_one() -> None:
     async def tell() -> None:
         async with simulated_drive("skf8000", profile=without_set_frequency("skf8000")) as (drive, station):

@@ -220,25 +220,6 @@ async def print_comm_loss(drive: Drive) -> None:
     output.print_text(output.wrap_for(text, sys.stdout))
 
 
-def nothing_moved(error: BaseException) -> bool:
-    """Return whether a failed command cannot have moved the motor, so that no stop must follow.
-
-    Nothing was sent, or the drive or the service rejected it. A lost control lease means that another user commands it.
-    """
-    from drivebus import errors
-
-    never_sent = (
-        errors.ConfigurationError,
-        errors.CapabilityError,
-        errors.LimitError,
-        errors.PreflightError,
-        errors.StartInhibited,
-        errors.Expired,
-        errors.PortUnavailable,
-        errors.DriveRejected,
-        errors.ServiceError,
-    )
-    if isinstance(error, never_sent):
-        return True
-    # that of a read before the start has no outcome
-    return isinstance(error, errors.BusError | errors.ProtocolError) and error.outcome is None
+def must_stop_after(error: BaseException) -> bool:
+    """Return whether a stop must follow a failed command: always, unless its drive or its service knows better."""
+    return getattr(error, "may_be_running", None) is not False

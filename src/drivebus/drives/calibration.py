@@ -15,6 +15,7 @@ from drivebus.drives.operations.calibration import (
     calibration_steps,
 )
 from drivebus.drives.operations.context import OperationContext
+from drivebus.drives.operations.steps import DriveOperation
 from drivebus.drives.outcome import raise_for_status
 from drivebus.drives.runner import OperationRunner
 from drivebus.drives.stop_supervisor import StopSupervisor
@@ -42,21 +43,21 @@ class Calibration:
     ) -> CalibrationResult:
         """Run a step and store the options that it determines."""
         step = calibration_step(self._dialect, name)
-        found = await (self._run_motion(step, inputs) if step.moves else self._run_reads(step, inputs))
-        if step.observation_question is not None and observe is not None:
-            observed = await observe()
-            found = replace(found, options={} if observed is None else step.options_observed(observed))
-        for option, value in found.options.items():
-            await self._save(option, value)
+        with self._runner.command() as op:
+            operation = step.operation(op, **inputs)
+            found = await (self._run_motion(op, operation) if step.moves else self._runner.run(operation))
+            if step.observation_question is not None and observe is not None:
+                observed = await observe()
+                found = replace(found, options={} if observed is None else step.options_observed(observed))
+            for option, value in found.options.items():
+                await self._save(option, value)
         return found
 
-    async def _run_reads(self, step: CalibrationStep, inputs: Mapping[str, Any]) -> CalibrationResult:
-        return await self._runner.run(step.operation(OperationContext(self._runner.drive), **inputs))
-
-    async def _run_motion(self, step: CalibrationStep, inputs: Mapping[str, Any]) -> CalibrationResult:
-        op = self._runner.new_command()
+    async def _run_motion(
+        self, op: OperationContext, operation: DriveOperation[CalibrationResult]
+    ) -> CalibrationResult:
         with self._stops.stop_on_failure(op):
-            found = await self._stops.run_motion(step.operation(op, **inputs))
+            found = await self._stops.run_motion(operation)
             if found.outcome is not None:
                 raise_for_status(found.outcome)
         return found

@@ -47,8 +47,9 @@ class Drive:
     """Control and monitor one drive.
 
     A command returns its Outcome where it is confirmed or acknowledged, and raises otherwise, with the outcome on the
-    error. Before anything was sent: CapabilityError, LimitError, PreflightError, StartInhibited, EepromBudgetExceeded,
-    Expired. After: DriveRejected, TargetNotReached, OutcomeUnknown, StopUnconfirmed, Superseded.
+    error and whether the motor may be running by it. Before anything was sent: CapabilityError, LimitError,
+    PreflightError, StartInhibited, EepromBudgetExceeded, Expired. After: DriveRejected, TargetNotReached,
+    OutcomeUnknown, StopUnconfirmed, Superseded.
     """
 
     def __init__(
@@ -203,20 +204,20 @@ class Drive:
         included; None: at most 2 s after the checks.
         """
         way = None if direction is None else Direction(direction)
-        op = self._runner.new_command(requested_at)
-        outcome = await self._stops.run_motion(start.run(op, frequency_hz, way, will_wait=wait))
-        if not wait:
-            return outcome
-        waiting = wait_at_speed(op, frequency_hz, outcome, timeout_s, way, on_progress)
-        return raise_for_status(await self._runner.run(waiting))
+        with self._runner.command(requested_at) as op:
+            outcome = await self._stops.run_motion(start.run(op, frequency_hz, way, will_wait=wait))
+            if not wait:
+                return outcome
+            waiting = wait_at_speed(op, frequency_hz, outcome, timeout_s, way, on_progress)
+            return raise_for_status(await self._runner.run(waiting))
 
     async def set_frequency(self, frequency_hz: float, requested_at: float | None = None) -> Outcome:
         """Change the set frequency and read it back where the model shows it.
 
         ``requested_at``: as for ``run``; a frame that moves expires after 2 s, every other after 5 s.
         """
-        op = self._runner.new_command(requested_at)
-        return raise_for_status(await self._runner.run_command(setpoint.set_frequency(op, frequency_hz)))
+        with self._runner.command(requested_at) as op:
+            return raise_for_status(await self._runner.run_command(setpoint.set_frequency(op, frequency_hz)))
 
     def jog(
         self,
@@ -278,7 +279,8 @@ class Drive:
 
     async def reset_fault(self) -> Outcome:
         """Reset a fault while the drive reports one; again only while it is unanswered and the fault verified."""
-        return raise_for_status(await self._runner.run_command(reset.reset_fault(self._runner.new_command())))
+        with self._runner.command() as op:
+            return raise_for_status(await self._runner.run_command(reset.reset_fault(op)))
 
     async def read(self, names: Iterable[str]) -> dict[str, Reading]:
         """Read parameters in the manual's notation or signals by name. Raises ProfileError for an unknown name."""
@@ -292,8 +294,8 @@ class Drive:
         terminal that may start the motor, or a source of commands other than the bus. A later stop supersedes every
         write that has not been sent yet.
         """
-        operation = parameters.write_values(self._runner.new_command(), values, save, force)
-        return raise_for_status(await self._runner.run_command(operation))
+        with self._runner.command() as op:
+            return raise_for_status(await self._runner.run_command(parameters.write_values(op, values, save, force)))
 
     def open_calibrations(self) -> tuple[CalibrationStep, ...]:
         """Return the calibration steps that are still to be done on this drive, in their order."""

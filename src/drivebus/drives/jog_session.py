@@ -106,8 +106,8 @@ class JogSession:
         return raise_for_status(await asyncio.shield(self._end()), stop=True)
 
     async def _begin(self) -> Outcome:
-        self._op = op = self._runner.new_command(self._requested_at)
-        with self._stops.stop_on_failure(op):
+        with self._runner.command(self._requested_at) as op, self._stops.stop_on_failure(op):
+            self._op = op
             return await self._stops.run_motion(begin_jog(op, self._frequency_hz, self._direction))
 
     def _may_be_running(self) -> bool:

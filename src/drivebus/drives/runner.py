@@ -27,7 +27,8 @@ generators without an event loop, see ``steps.run_pure``.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from drivebus import clock
@@ -37,7 +38,7 @@ from drivebus.drives.context import DriveContext
 from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContext
 from drivebus.drives.operations.steps import BusConditions, DriveOperation, GetBusConditions, Step, UpdateStore, Wait
 from drivebus.drives.store import Store
-from drivebus.errors import Expired
+from drivebus.errors import DrivebusError, Expired
 
 T = TypeVar("T")
 
@@ -52,19 +53,26 @@ class OperationRunner:
         self._store, self._load_stored = store, load_stored
         self._command_lock = asyncio.Lock()
 
-    def new_command(self, requested_at: float | None = None) -> OperationContext:
-        """Return the context of a command requested now; every later stop of the drive supersedes it.
+    @contextmanager
+    def command(self, requested_at: float | None = None) -> Iterator[OperationContext]:
+        """Provide the context of a command requested now; every later stop of the drive supersedes it.
 
-        ``requested_at`` counts at most as now: a time by another clock might never expire.
+        ``requested_at`` counts at most as now: a time by another clock might never expire. An error that leaves the
+        block states whether the motor may be running by the command.
         """
         now = self.bus.now()
         requested_at = None if requested_at is None else min(now, requested_at)
-        return OperationContext(
+        op = OperationContext(
             self.drive,
             stop_epoch=self.bus.stop_epoch(self._address),
             checks_started_at=now if requested_at is None else requested_at,
             requested_at=requested_at,
         )
+        try:
+            yield op
+        except DrivebusError as error:
+            error.may_be_running = op.may_be_running
+            raise
 
     async def run(self, operation: DriveOperation[T], first_result: asyncio.Future[BusResult] | None = None) -> T:
         """Run an operation, also beside another one. ``first_result``: the return value of ``submit_first``."""

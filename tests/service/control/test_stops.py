@@ -15,6 +15,7 @@ from drivebus.errors import (
     AuditUnavailable,
     DrivebusError,
     LimitError,
+    NoReply,
     NotFound,
     ServiceUnavailable,
     StartInhibited,
@@ -156,8 +157,9 @@ def test_a_stop_while_a_start_is_being_recorded_cancels_the_start() -> None:
             start = asyncio.create_task(kit.call("drive.run", drive="fan-1", frequency_hz=20.0))
             await asyncio.sleep(0.1)
             await kit.call("drive.stop", drive="fan-1")
-            with pytest.raises(Superseded):
+            with pytest.raises(Superseded) as rejected:
                 await start
+            assert rejected.value.may_be_running is False
             await asyncio.sleep(2)
             assert state(kit, "fan-1") is DriveState.STOPPED
             assert kit.station("fan-1").motor.starts == 0
@@ -171,9 +173,44 @@ def test_a_start_whose_record_takes_too_long_expires() -> None:
         async with running_service() as kit:
             await ready(kit)
             kit.trail.delay_s = 3.0
-            with pytest.raises(DrivebusError, match="recording the command"):
+            with pytest.raises(DrivebusError, match="recording the command") as rejected:
                 await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
-            assert kit.station("fan-1").motor.starts == 0
+            assert rejected.value.may_be_running is False and kit.station("fan-1").motor.starts == 0
+
+    run(scenario())
+
+
+def test_a_start_that_the_service_refuses_has_left_no_motor_running() -> None:
+    """No stop follows it at the command line: another user may have started the drive."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await ready(kit)
+            with pytest.raises(LimitError) as rejected:
+                await kit.call("drive.run", drive="fan-1", frequency_hz=500.0)
+            assert rejected.value.may_be_running is False
+
+    run(scenario())
+
+
+@pytest.mark.parametrize(("may_be_running", "counts"), [(True, True), (None, True), (False, False)])
+def test_a_failed_start_counts_as_one_of_the_service_unless_the_drive_knows_better(
+    monkeypatch: pytest.MonkeyPatch, may_be_running: bool | None, counts: bool
+) -> None:
+    """The end of its lease stops the drive then."""
+
+    async def failing(*_: object, **__: object) -> None:
+        error = NoReply("bus.no_reply", station=1)
+        error.may_be_running = may_be_running
+        raise error
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await ready(kit)
+            monkeypatch.setattr(Drive, "run", failing)
+            with pytest.raises(NoReply):
+                await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            assert kit.service.plant.drives["fan-1"].started_by_service is counts
 
     run(scenario())
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivebus.cli import connect, output
 from drivebus.cli.connect import Target
-from drivebus.cli.drive_command import drive_command, nothing_moved, print_outcome
+from drivebus.cli.drive_command import drive_command, must_stop_after, print_outcome
 from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ async def _run_motion(session: CalibrationSession, step: Awaitable[T]) -> T | No
     try:
         found = await session.shutdown.interruptible(step)
     except BaseException as error:
-        if not nothing_moved(error):
+        if must_stop_after(error):
             await session.drive.stop()
         raise
     if found is None:

@@ -11,7 +11,7 @@ import click
 from drivebus.cli import connect, options, output
 from drivebus.cli.click_ext import Option
 from drivebus.cli.connect import Target
-from drivebus.cli.drive_command import drive_command, nothing_moved, print_comm_loss, print_outcome
+from drivebus.cli.drive_command import drive_command, must_stop_after, print_comm_loss, print_outcome
 from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ OUTPUT_OFF_COUNT = 2  # status reads that must agree before "stopped by itself" 
 
 async def _run(target: Target, frequency: float, reverse: bool, wait: bool, detach: bool) -> ExitCode:
     from drivebus.cli.signals import shutdown_signals
+    from drivebus.errors import ControlNotHeld
 
     with shutdown_signals(may_suspend=False) as shutdown:
         async with connect.open_drive(target) as (bus, drive):
@@ -43,8 +44,10 @@ async def _run(target: Target, frequency: float, reverse: bool, wait: bool, deta
                 code = await _attached(bus, drive, shutdown, frequency, _direction(reverse), wait, detach)
             except OSError:  # the terminal or the pipe is gone
                 code = ExitCode.INTERRUPTED
+            except ControlNotHeld:  # another user commands the drive
+                raise
             except BaseException as error:
-                if not nothing_moved(error):
+                if must_stop_after(error):
                     await drive.stop()
                 raise
             if code is None:
@@ -103,7 +106,7 @@ async def _start(
     wait: bool,
     detach: bool,
 ) -> ExitCode:
-    """Start the drive. An error before anything was sent is raised; any other error is printed, and a stop follows."""
+    """Start the drive. An error that leaves no motor running is raised; any other is printed, and a stop follows."""
     from drivebus.cli.errors import report_error
     from drivebus.errors import DrivebusError
 
@@ -111,7 +114,7 @@ async def _start(
     try:
         outcome = await shutdown.interruptible(drive.run(frequency_hz, direction, **waiting))
     except DrivebusError as error:
-        if nothing_moved(error):
+        if not must_stop_after(error):
             raise
         if wait:
             _end_line()

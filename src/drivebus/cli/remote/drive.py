@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivebus.cli.remote.client import RemoteClient
 from drivebus.cli.remote.convert import parse_outcome, parse_reading, parse_status, reading_time
-from drivebus.errors import DrivebusError, NotFound, OutcomeUnknown, ServiceUnavailable
+from drivebus.errors import DrivebusError, NotFound, OutcomeUnknown, ServiceUnavailable, before_motion
 from drivebus.service.api.operations import Operation
 from drivebus.service.api.operations.comm_loss import COMM_LOSS_TEST
 from drivebus.service.api.operations.control import LEASE_RELEASE, LEASE_RENEW, LEASE_TAKE
@@ -117,7 +117,9 @@ class RemoteDrive:
     async def run(self, frequency_hz: float, direction: Direction | None = None, wait: bool = False) -> Outcome:
         """Start the drive. ``wait`` has no effect: with a service ``--wait`` is rejected before."""
         params: Json = {"frequency_hz": frequency_hz} | ({"direction": str(direction)} if direction else {})
-        outcome = parse_outcome(await self.call(DRIVE_RUN, **params, **await self.arm()))
+        with before_motion():
+            params |= await self.arm()
+        outcome = parse_outcome(await self.call(DRIVE_RUN, **params))
         self._started_at = RemoteBus.now()
         return outcome
 

@@ -24,4 +24,6 @@ def outcome_unknown_on_loss(operation: str) -> Iterator[None]:
         is_of_proxy = error.key == "service.strange" and error.params["status"] not in REFUSED_STATUS
         if (is_of_proxy or error.key in LOST_KEYS) and OPERATIONS[operation].mutates:
             raise OutcomeUnknown("service.lost", operation=operation) from error
+        if error.may_be_running is None:
+            error.may_be_running = False  # the service has executed nothing
         raise

@@ -112,7 +112,8 @@ class OperationContext:
         self.limits_checked = False  # frequency and direction are within the limits of drive and user
         self.overspeed_hz: float | None = None  # after a start from standstill: no output frequency may be above
         self.motion_seen = False  # at least one reading showed that the drive turns
-        self.may_be_running = False  # a frame that moves may have been sent, and no stop since
+        self.changes_run = False  # the drive may turn: every acting frame makes its run one of this command
+        self.may_be_running = False  # a frame that moves may have been sent and not been rejected, and no stop since
         self.last_motion_result: BusResult | None = None  # of the last frame that moves
         self.last_deceleration_at: float | None = None  # time of the last reading below all readings before it
         self._lowest_hz: float | None = None
@@ -138,7 +139,8 @@ class OperationContext:
         expires_at = permit.expires_at if permit is not None else None
         if self.stop_epoch is not None and self._effect(request) is Effect.STOP:
             self.stop_epoch += 1
-        was_running, moves = self.may_be_running, permit is not None and permit.effect is Effect.MOTION
+        moves = permit is not None and (permit.effect is Effect.MOTION or self.changes_run)
+        was_running = self.may_be_running
         self.may_be_running = was_running or moves  # holds also where the operation is cancelled during the transaction
         bus_request = BusRequest(
             station=self.dialect.address,
@@ -153,12 +155,16 @@ class OperationContext:
         self.port_error = result.error if isinstance(result.error, PortLost) else None
         self.port_loss = self.port_error or self.port_loss
         if moves:
-            self.last_motion_result, self.may_be_running = result, was_running or bool(result.sent)
+            executed = bool(result.sent) and not (result.attempts == 1 and self._is_rejected(result))
+            self.last_motion_result, self.may_be_running = result, was_running or executed
         if result.sent:
             self.dialect.on_sent(request)
             self._exchanges.add(result, retry_policy)
             self.age.add(result)
         return result
+
+    def _is_rejected(self, result: BusResult) -> bool:
+        return result.reply is not None and self.dialect.rejection(result.reply) is not None
 
     def _effect(self, request: Any) -> Effect:
         return self.dialect.station_config.effect_of(self.dialect.codec.encode_request(request))

@@ -55,7 +55,6 @@ def send_jog(op: OperationContext, frames: tuple[CommandFrame, ...]) -> DriveOpe
     result = yield from send_frames(op, command, frames)
     refused = op.rejected_outcome(result)
     if refused is not None:
-        op.may_be_running = False
         return refused
     if result.error is None:
         return op.outcome(OutcomeStatus.ACKNOWLEDGED, "drives.jog_begun")

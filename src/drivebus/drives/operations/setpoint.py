@@ -32,6 +32,7 @@ def set_frequency(op: OperationContext, frequency_hz: float) -> DriveOperation[O
         yield from op.read_verified_state()
     conditions = yield from op.check_deadline()
     command = op.create_command(CommandKind.SETPOINT, conditions)
+    op.changes_run = not op.derived.state.output_off
     for _ in range(MAXIMUM_CHANGES):
         word, actual_hz = op.check_frequency(frequency_hz)  # again: the pre-flight check reads what the word means
         outcome = yield from write_setpoint(op, command, word, actual_hz)

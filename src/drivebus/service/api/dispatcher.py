@@ -20,6 +20,7 @@ from drivebus.errors import (
     PermissionDenied,
     ServiceError,
     ServiceUnavailable,
+    before_motion,
 )
 from drivebus.service.alarms import Alarm, SystemAlarm
 from drivebus.service.api.denial_log import DenialLog
@@ -147,7 +148,8 @@ class Dispatcher:
             raise
         entry = replace(entry, of=number)
         try:
-            self._check_not_stopped(ticket)
+            with before_motion():
+                self._check_not_stopped(ticket)
             found = await handler(params, actor, ticket)
         except Exception as error:
             await self._record_after(_failed_entry(entry, error))

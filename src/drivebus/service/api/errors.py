@@ -46,7 +46,13 @@ def failure_reason(error: Exception) -> Any:
 # --- errors -----------------------------------------------------------------------------------------------------------
 
 
-def build_error_json(code: str, kind: str, params: Mapping[str, Any], outcome: Json | None = None) -> Json:
+def build_error_json(
+    code: str,
+    kind: str,
+    params: Mapping[str, Any],
+    outcome: Json | None = None,
+    may_be_running: bool | None = None,
+) -> Json:
     """Return the shape of an error; ``code`` is the key of its sentence, ``kind`` the name of its class."""
     return {
         "code": code,
@@ -54,6 +60,7 @@ def build_error_json(code: str, kind: str, params: Mapping[str, Any], outcome: J
         "text": localized(code, params),
         "params": to_plain(params),
         "outcome": outcome,
+        "may_be_running": may_be_running,
     }
 
 
@@ -61,7 +68,7 @@ def error_to_json(error: DrivebusError) -> Json:
     """Return an error as every client gets it."""
     outcome = error.outcome
     found = outcome_json(outcome) if isinstance(outcome, Outcome) else outcome
-    return build_error_json(error.key, type(error).__name__, error.params, found)
+    return build_error_json(error.key, type(error).__name__, error.params, found, error.may_be_running)
 
 
 def error_from_json(found: Json) -> DrivebusError:
@@ -74,6 +81,7 @@ def error_from_json(found: Json) -> DrivebusError:
     params = {name: _param_from_json(name, value) for name, value in found["params"].items()}
     error: DrivebusError = kind(found["code"], **params)
     error.outcome = found["outcome"]
+    error.may_be_running = found.get("may_be_running")  # a service of an older version does not state it
     return error
 
 

@@ -13,7 +13,7 @@ from drivebus.drives.context import DriveLimits
 from drivebus.drives.operations.parameter_write import check_write, may_move
 from drivebus.drives.operations.parameters import written_texts
 from drivebus.drives.outcome import Outcome, raise_for_status
-from drivebus.errors import ControlNotHeld, DrivebusError, LimitError, ServiceError, StopUnconfirmed
+from drivebus.errors import ControlNotHeld, DrivebusError, LimitError, ServiceError, StopUnconfirmed, before_motion
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import error_to_json, outcome_json
 from drivebus.service.api.handlers import handles
@@ -89,10 +89,11 @@ class DriveCommands:
 
     @handles(DRIVE_RUN)
     async def run(self, params: RunParams, actor: Actor, ticket: CommandTicket) -> Json:
-        runtime = self.require_control_with_followers(params.drive, actor)
-        check_start(self.plant, runtime)
-        runtime.drive.check_frequency(params.frequency_hz)
-        self.plant.arm_tokens.consume(params.arm_token, runtime.id, actor, self.plant.now())
+        with before_motion():
+            runtime = self.require_control_with_followers(params.drive, actor)
+            check_start(self.plant, runtime)
+            runtime.drive.check_frequency(params.frequency_hz)
+            self.plant.arm_tokens.consume(params.arm_token, runtime.id, actor, self.plant.now())
         answer = await self.start_drive(runtime, params.frequency_hz, params.direction, actor, ticket.issued_at)
         return answer | {"followers": await self.update_followers(runtime, params.frequency_hz, actor)}
 
@@ -105,13 +106,13 @@ class DriveCommands:
         return self.publish_outcome(runtime, "run", outcome, actor, frequency_hz=frequency_hz)
 
     async def run_motion(self, runtime: DriveRuntime, motion: Awaitable[Outcome]) -> Outcome:
-        """Await a motion; ``started_by_service`` stays as it was where no frame can have left."""
+        """Await a motion; ``started_by_service`` stays as it was where it can have left no motor running."""
         before, runtime.started_by_service, runtime.last_motion_at = runtime.started_by_service, True, inf
         last_stop = runtime.last_stop
         try:
             outcome = await motion
         except DrivebusError as error:
-            if error.outcome is None:
+            if error.may_be_running is False:
                 runtime.started_by_service = before
             raise
         else:

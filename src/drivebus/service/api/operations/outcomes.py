@@ -52,13 +52,17 @@ class OutcomeResponse(ApiObject):
 
 
 class ErrorObject(ApiObject):
-    """An error. ``code`` never changes; ``text`` may be worded better."""
+    """An error. ``code`` never changes; ``text`` may be worded better.
+
+    ``may_be_running`` false: the command has left no motor running; null: not known.
+    """
 
     code: str = Field(examples=["drives.above_maximum"])
     kind: str = Field(examples=["LimitError"])
     text: LocalizedText
     params: Json
     outcome: OutcomeObject | None
+    may_be_running: bool | None
 
 
 class ErrorResponse(ApiObject):
