@@ -218,10 +218,9 @@ MAX_BATCH_SAMPLES = 50_000
 FULL_BLOCK_SAMPLES = 3600
 """Samples of one tag in a full block."""
 MAX_OPEN_SAMPLES = 200_000
+"""Samples that the journal holds. With fewer, blocks are small; with more, a start takes long."""
 MAX_OPEN_SAMPLES_PER_TAG = 600
-"""The journal holds ``MAX_OPEN_SAMPLES``, or this many per tag if that is more. With fewer, blocks are small; with
-more, a start takes long.
-"""
+"""Samples that it holds of each tag, where that is more in all."""
 TAGS_PER_COMPACTION = 16
 """Tags compacted in one transaction."""
 COMPACTION_BUDGET_S = 0.25
