@@ -320,7 +320,7 @@ def test_every_sentence_has_all_its_numbers() -> None:
     assert "Fan: output current is 12.346 A, above 10 A" in texts
 
 
-def test_a_flapping_alarm_fills_no_memory_and_the_log_has_all() -> None:
+def test_a_chattering_alarm_fills_no_memory_and_the_log_has_all() -> None:
     log = RecordingAlarmLog()
     alarms = AlarmEngine([], [FAN], log.put)
     for n in range(100):

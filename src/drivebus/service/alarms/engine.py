@@ -81,7 +81,7 @@ DEFAULT_ALARMS = (
 )
 """Alarms of every drive for which the plant file configures none of that kind."""
 MAX_UNACKNOWLEDGED_PER_KEY = 20
-"""Cleared, unacknowledged alarms listed for one key, so that a flapping one cannot fill the memory."""
+"""Cleared, unacknowledged alarms listed for one key, so that a chattering one cannot fill the memory."""
 AUTOMATIC_ACKNOWLEDGER = "drivebus"
 """Acknowledges alarms beyond ``MAX_UNACKNOWLEDGED_PER_KEY``; the alarm log keeps them."""
 

@@ -11,13 +11,13 @@ from drivebus.service.api.operations.outcomes import ChangesResponse
 from drivebus.service.auth.rights import Right
 from drivebus.values import Text
 
-MAX_SELECTED = 1000
+MAX_SELECTED_DRIVES = 1000
 
 
 class SelectionParams(OperationParams):
     """Drives by name, those of a group, or ``all``; together where several are given."""
 
-    drives: Annotated[list[DriveId], Field(max_length=MAX_SELECTED, examples=[["fan-1", "fan-2"]])] = []
+    drives: Annotated[list[DriveId], Field(max_length=MAX_SELECTED_DRIVES, examples=[["fan-1", "fan-2"]])] = []
     group: Id | None = Field(default=None, examples=["fans"])
     all: bool = Field(default=False, examples=[False])
 
