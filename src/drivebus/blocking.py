@@ -264,6 +264,12 @@ class Drive:
     def quick_stop(self, wait: bool = True) -> Outcome:
         return self._bus.run(self.drive.quick_stop(wait))
 
+    def pause(self) -> Outcome:
+        return self._bus.run(self.drive.pause())
+
+    def hold_ramp(self, seconds: float, requested_at: float | None = None) -> Outcome:
+        return self._bus.run(self.drive.hold_ramp(seconds, requested_at))
+
     @property
     def stop_pending(self) -> bool:
         """Whether a stop was sent that the drive has not confirmed; it is repeated while the bus is open."""

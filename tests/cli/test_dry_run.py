@@ -85,6 +85,12 @@ def test_a_dry_run_prints_the_bytes_of_the_vector(vector_id: str, words: tuple[s
     assert canonical(vector_id) in frames(*words)
 
 
+def test_a_dry_run_of_a_pause_and_of_a_ramp_hold_prints_their_levels() -> None:
+    vc660 = ("--model", "vc660", "--address", "1")
+    assert frames("pause", *vc660)[-1].startswith("01 06 20 00 00 80")
+    assert [one[:17] for one in frames("hold-ramp", *vc660, "5")[-2:]] == ["01 06 20 00 01 00", "01 06 20 00 00 00"]
+
+
 def test_a_planned_frame_has_its_reply_length_and_its_time_on_the_bus() -> None:
     """15 characters are sent and 18 received at 9600 8E1 (11 bits), after a gap of 5 characters (manual 2.2.4)."""
     frame = dry("stop", *C320)["frames"][0]

@@ -124,6 +124,20 @@ def test_a_detached_run_a_new_setpoint_and_a_stop(plant: RunningService, service
     assert (stopped["outcome"], state(plant)) == ("confirmed", DriveState.STOPPED)
 
 
+def test_a_pause_a_ramp_hold_and_a_stop(plant: RunningService, service: str) -> None:
+    pump = ("--drive", "pump-1")
+    words = ["run", "--service", service, *pump, "--frequency", "20", "--detach", "--json"]
+    assert CliRunner().invoke(cli, words).exit_code == 0
+    assert run_command(service, "hold-ramp", *pump, "0.2")["outcome"] == "acknowledged"
+    assert run_command(service, "pause", *pump)["outcome"] == "confirmed"
+    assert rest(plant, "/drives/pump-1")["state"] == "paused"
+    refused = run_command(service, "hold-ramp", *pump, "1", code=ExitCode.FAILED)
+    assert refused["error"]["key"] == "drives.state_forbids"
+    assert run_command(service, "stop", *pump)["outcome"] == "confirmed"
+    lacks = run_command(service, "pause", *FAN, code=ExitCode.FAILED)
+    assert lacks["error"]["key"] == "drives.cannot"
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_a_run_at_0_hz_through_a_service_says_what_to_expect(service: str, language: str) -> None:
     words = ["run", "--service", service, *FAN, "--frequency", "0", "--detach", "--lang", language]

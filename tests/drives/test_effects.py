@@ -10,7 +10,7 @@ import pytest
 
 from drivebus import profiles
 from drivebus.drives import create_dialect
-from drivebus.drives.dialects.base import StopMode
+from drivebus.drives.dialects.base import Dialect, Hold, StopMode
 from drivebus.drives.dialects.command_word import MOTION_BITS, CommandBits
 from drivebus.drives.dialects.modbus import ModbusDialect
 from drivebus.drives.state import Direction
@@ -202,6 +202,17 @@ def test_a_calibrated_df800_starts_in_the_direction_of_its_field(field: str, for
     assert dialect.start(Direction.REVERSE, 0)[0].request.value == reverse
 
 
+def accept_word(dialect: Dialect, word: int) -> None:
+    """Send a command word that the drive accepts."""
+    request = modbus.WriteRegister(1, 0x2000, word)
+    dialect.on_sent(request)
+    dialect.on_accepted(request)
+
+
+def word_effect(dialect: Dialect, word: int) -> Effect:
+    return dialect.station_config.effect_of(dialect.codec.encode_request(modbus.WriteRegister(1, 0x2000, word)))
+
+
 def test_the_levels_of_vc660_are_remembered_and_sent_with_each_pulse() -> None:
     dialect = dialect_for("vc660")
     words = [f.request.value for f in dialect.start(Direction.REVERSE, 0)]
@@ -215,25 +226,68 @@ def test_the_levels_of_vc660_are_remembered_and_sent_with_each_pulse() -> None:
 
 def test_a_level_word_that_would_turn_a_running_motor_round_is_motion() -> None:
     dialect = dialect_for("vc660")
-    dialect.on_sent(modbus.WriteRegister(1, 0x2000, 0x0001))
-    dialect.on_sent(modbus.WriteRegister(1, 0x2000, 0x0000))
-    turned = dialect.codec.encode_request(modbus.WriteRegister(1, 0x2000, 0x0004))
-    assert dialect.station_config.effect_of(turned) is Effect.MOTION
+    accept_word(dialect, 0x0001)
+    accept_word(dialect, 0x0000)
+    assert word_effect(dialect, 0x0004) is Effect.MOTION
 
 
 def test_the_levels_after_a_start_are_a_setting_and_after_a_stop_a_stop() -> None:
     """A stop removes queued commands: a frame that completes a start must not remove its own start."""
     dialect = dialect_for("vc660")
-    levels = dialect.codec.encode_request(modbus.WriteRegister(1, 0x2000, 0))
-    dialect.on_sent(modbus.WriteRegister(1, 0x2000, 0x0001))
-    assert dialect.station_config.effect_of(levels) is Effect.SETTING
+    accept_word(dialect, 0x0001)
+    assert word_effect(dialect, 0) is Effect.SETTING
+    accept_word(dialect, 0x0002)
+    assert word_effect(dialect, 0) is Effect.STOP
+
+
+def read_status(dialect: Dialect, word: int) -> None:
+    """Decode a status word of a VC660."""
+    dialect.decode_readings(modbus.ReadRegisters(1, 0x3000, 1), modbus.RegisterValues(1, 3, (word,)), 0.0)
+
+
+def test_the_levels_after_a_lost_stop_of_a_paused_drive_are_motion() -> None:
+    """They end the pause: a drive that has missed the stop before them would run again."""
+    dialect = dialect_for("vc660")
+    read_status(dialect, 0x0029)
     dialect.on_sent(modbus.WriteRegister(1, 0x2000, 0x0002))
-    assert dialect.station_config.effect_of(levels) is Effect.STOP
+    assert word_effect(dialect, 0) is Effect.MOTION
+    accept_word(dialect, 0x0002)
+    assert word_effect(dialect, 0) is Effect.STOP
+
+
+def test_the_levels_alone_are_motion_until_the_drive_has_shown_that_it_is_not_paused() -> None:
+    dialect = dialect_for("vc660")
+    assert word_effect(dialect, 0) is Effect.MOTION and word_effect(dialect, 0x0002) is Effect.STOP
+    read_status(dialect, 0x0009)
+    assert word_effect(dialect, 0) is Effect.STOP
+
+
+def test_a_pause_is_a_setting_and_a_ramp_hold_moves() -> None:
+    dialect = dialect_for("vc660")
+    read_status(dialect, 0x4009)
+    assert dialect.hold(Hold.PAUSE).request.value == 0x0084 and dialect.hold(Hold.RAMP).request.value == 0x0104
+    assert word_effect(dialect, 0x0084) is Effect.SETTING
+    turned_round, with_stop, with_reset, both = 0x0080, 0x0086, 0x0284, 0x0184
+    for word in (0x0104, turned_round, with_stop, with_reset, both):
+        assert word_effect(dialect, word) is Effect.MOTION
+    accept_word(dialect, 0x0104)
+    assert dialect.end_hold().request.value == 0x0004 and word_effect(dialect, 0x0004) is Effect.MOTION
+    assert [frame.request.value for frame in dialect.reset()] == [0x0304, 0x0104]
+    assert word_effect(dialect, 0x0304) is Effect.SETTING
+
+
+@pytest.mark.parametrize("model", ["c320", "dzb100", "df800"])
+def test_a_model_without_pause_or_ramp_hold_refuses_them(model: str) -> None:
+    for hold in Hold:
+        with pytest.raises(CapabilityError):
+            dialect_for(model).hold(hold)
+    with pytest.raises(CapabilityError):
+        dialect_for("c320").end_hold()
 
 
 def test_a_jog_released_is_a_stop() -> None:
     dialect = dialect_for("vc660")
-    dialect.on_sent(modbus.WriteRegister(1, 0x2000, dialect.jog(Direction.FORWARD, None)[0].request.value))
+    accept_word(dialect, dialect.jog(Direction.FORWARD, None)[0].request.value)
     released = dialect.stop(StopMode.JOG_STOP)
     assert [r.value for r in released] == [0]
     assert dialect.station_config.effect_of(dialect.codec.encode_request(released[0])) is Effect.STOP
@@ -276,6 +330,8 @@ def test_no_broadcast_but_a_stop_is_allowed(model: str, request_: Any) -> None:
 @pytest.mark.parametrize("model", ["c320", "vc660", "dzb100"])
 def test_the_broadcast_stop_is_a_stop(model: str) -> None:
     dialect = dialect_for(model)
+    if model == "vc660":
+        read_status(dialect, 0x0009)
     requests = dialect.broadcast_stop()
     assert requests
     for request in requests:

@@ -37,7 +37,7 @@ def test_it_is_there_when_the_drive_says_running_at_that_frequency() -> None:
 def test_a_reverse_run_is_there_where_the_drive_reports_its_frequency_as_negative(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("drivebus.drives.operations.start._output_hz", lambda op: -10.0)
+    monkeypatch.setattr(OperationContext, "output_hz", lambda op: -10.0)
     bus, op = waiting(FakeC320(state=sunfar.SunfarState.RUNNING_REVERSE, output=1000))
     done = bus.run(wait_at_speed(op, 10.0, STARTED, 2.0, Direction.REVERSE))
     assert (done.status, done.params["output_hz"]) == (OutcomeStatus.CONFIRMED, -10.0)

@@ -9,6 +9,7 @@ import pytest
 from drivebus import i18n
 from drivebus.bus import failure_reason
 from drivebus.drives.operations import parameters, reset, start, stop
+from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.errors import NoReply
 from verification.campaign import CampaignRun, run_campaign
@@ -81,6 +82,6 @@ def test_a_wrong_lateness_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_frequency_that_was_never_reported_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    output = start._output_hz
-    monkeypatch.setattr(start, "_output_hz", lambda op: (output(op) or 0.0) + 0.02)
+    output = OperationContext.output_hz
+    monkeypatch.setattr(OperationContext, "output_hz", lambda op: (output(op) or 0.0) + 0.02)
     assert found(campaign(600), "was never reported")

@@ -54,6 +54,7 @@ def full_explorations() -> list[Exploration]:
         for model in MODEL_NAMES
         for kind in (CommandKind.JOG, CommandKind.RESET)
     ]
+    parts += [Exploration("vc660", kind, COARSE_GRID, brief) for kind in (CommandKind.PAUSE, CommandKind.RAMP_HOLD)]
     parts += [
         Exploration("c320", CommandKind.START, HALF_SECOND_GRID, plain),
         Exploration("c320", CommandKind.START, FINE_GRID, brief),

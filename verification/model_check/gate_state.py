@@ -431,7 +431,10 @@ class GateState:
         ):
             self.events.refused.append(self.monitor.missing_for_frame(record, self.now))
         if done.result.sent and done.token != "read":
-            self.subject.dialect.on_sent(done.result.bus_request.request)
+            request, reply = done.result.bus_request.request, done.result.reply
+            self.subject.dialect.on_sent(request)
+            if reply is not None and self.subject.dialect.rejection(reply) is None:
+                self.subject.dialect.on_accepted(request)
 
 
 def _reason(missing: tuple[str, ...]) -> str:

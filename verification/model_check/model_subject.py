@@ -8,7 +8,7 @@ from typing import Any
 
 from drivebus import profiles
 from drivebus.drives.context import DriveContext, EepromBudget
-from drivebus.drives.dialects.base import CommandFrame, Dialect, StopMode
+from drivebus.drives.dialects.base import CommandFrame, Dialect, Hold, StopMode
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.permissives import CommandKind
@@ -113,13 +113,13 @@ class ModelSubject:
     @property
     def command_word(self) -> tuple[Any, ...]:
         word = getattr(self.dialect, "command_word", None)
-        return () if word is None else (word.levels, word._last_was_edge)
+        return () if word is None else (word.levels, word._last_was_edge, word._holds)
 
     @command_word.setter
     def command_word(self, held: tuple[Any, ...]) -> None:
         if held:
             word: Any = getattr(self.dialect, "command_word", None)
-            word.levels, word._last_was_edge = held
+            word.levels, word._last_was_edge, word._holds = held
 
     def needs_permit(self, place: int, command_word: tuple[Any, ...]) -> bool:
         """Return whether this frame needs a permit: whether it is more than a stop for a drive with these levels."""
@@ -147,9 +147,12 @@ def model_subject(model: str, kind: CommandKind, grid: TimeGrid) -> ModelSubject
     )
     op = OperationContext(DriveContext(dialect=ours, eeprom_budget=EepromBudget(MemoryStore(), "model/1")))
     frames, foreign = _command_frames(ours, kind, op), _command_frames(other, kind, op)[0].request
-    return ModelSubject(
+    subject = ModelSubject(
         model=model, kind=kind, grid=grid, dialect=ours, other=other, op=op, frames=frames, foreign=foreign
     )
+    if subject.command_word:  # the status, which is read before each command, has shown no pause
+        subject.command_word = (None, False, frozenset())
+    return subject
 
 
 def _command_frames(dialect: Dialect, kind: CommandKind, op: OperationContext) -> tuple[CommandFrame, ...]:
@@ -159,6 +162,10 @@ def _command_frames(dialect: Dialect, kind: CommandKind, op: OperationContext) -
         return dialect.start(START_DIRECTION.get(model, Direction.FORWARD), word)
     if kind is CommandKind.JOG:
         return dialect.jog(Direction.FORWARD, None if dialect.profile.family == "modbus" else word)
+    if kind is CommandKind.PAUSE:
+        return (dialect.hold(Hold.PAUSE),)
+    if kind is CommandKind.RAMP_HOLD:
+        return (dialect.hold(Hold.RAMP), dialect.end_hold())
     return dialect.reset() if kind is CommandKind.RESET else dialect.set_frequency(word, _runs_forward())
 
 

@@ -60,7 +60,8 @@ class PermissiveInputs:
 
 def all_permissives_met(subject: ModelSubject) -> PermissiveInputs:
     """Return the inputs with which every permissive is met."""
-    return PermissiveInputs(state=DriveState.RUNNING if subject.kind is CommandKind.SETPOINT else DriveState.STOPPED)
+    runs = subject.kind in (CommandKind.SETPOINT, CommandKind.PAUSE, CommandKind.RAMP_HOLD)
+    return PermissiveInputs(state=DriveState.RUNNING if runs else DriveState.STOPPED)
 
 
 def input_combinations(subject: ModelSubject, small: bool) -> Iterator[PermissiveInputs]:
@@ -91,7 +92,7 @@ def input_combinations(subject: ModelSubject, small: bool) -> Iterator[Permissiv
 def missing_permissives(subject: ModelSubject, effect: RequestEffect, shown: PermissiveInputs) -> tuple[str, ...]:
     """Return the permissives that these inputs do not meet for a frame with this effect."""
     found: list[tuple[str, bool | None]] = [("no foreign master", shown.foreign), ("no duplicate", shown.duplicate)]
-    if subject.kind is not CommandKind.RESET:
+    if subject.kind not in (CommandKind.RESET, CommandKind.PAUSE):
         found.append(("limits checked", not shown.limits))
     if effect is RequestEffect.MOTION or subject.kind in (CommandKind.START, CommandKind.JOG):
         bad = (

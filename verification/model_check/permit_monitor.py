@@ -11,7 +11,7 @@ from verification.families.modbus.facts import command_word
 from verification.reference.effects import RequestEffect
 from verification.reference.request_effects import worst_effect
 
-COMMAND_LIFETIMES_S = {"start": 2.0, "jog": 2.0, "reset": 2.0, "setpoint": 5.0}
+COMMAND_LIFETIMES_S = {"start": 2.0, "jog": 2.0, "reset": 2.0, "setpoint": 5.0, "pause": 5.0, "ramp_hold": 2.0}
 """Validity of a command by its kind, in seconds; a frame that moves the motor is valid for 2 s at most."""
 EVIDENCE_MAX_AGE_S = 2.0
 FAMILY_DAMAGE_RATE_MAX = {"dzb100": 0.001}

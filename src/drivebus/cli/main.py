@@ -17,7 +17,9 @@ def _commands(*names: str) -> dict[str, str]:
 SECTIONS = {
     "cli.section.first": _commands("demo", "simulate"),
     "cli.section.look": _commands("status", "monitor", "read", "scan", "loopback"),
-    "cli.section.move": _commands("run", "jog", "set-frequency", "stop", "coast", "reset", "control", "release"),
+    "cli.section.move": _commands(
+        "run", "jog", "set-frequency", "pause", "hold-ramp", "stop", "coast", "reset", "control", "release"
+    ),
     "cli.section.change": _commands("write", "calibrate", "comm-loss-test", "waive"),
     "cli.section.plant": _commands("init", "check", "serve", "user", "audit"),
     "cli.section.tools": _commands("decode", "models", "ports", "profile", "capture", "acceptance", "completion"),

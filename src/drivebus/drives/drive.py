@@ -17,7 +17,7 @@ from drivebus.drives.dialects.base import DEFAULT_NONCE_START, Dialect, Identity
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.drives.jog_session import JogSession
 from drivebus.drives.monitor import Monitor
-from drivebus.drives.operations import loopback, parameters, reset, setpoint, start, status
+from drivebus.drives.operations import hold, loopback, parameters, reset, setpoint, start, status
 from drivebus.drives.operations import preflight as preflights
 from drivebus.drives.operations.calibration import CalibrationResult, CalibrationStep
 from drivebus.drives.operations.context import OperationContext
@@ -218,6 +218,24 @@ class Drive:
         """
         with self._runner.command(requested_at) as op:
             return raise_for_status(await self._runner.run_command(setpoint.set_frequency(op, frequency_hz)))
+
+    async def pause(self) -> Outcome:
+        """Pause the run: the motor ramps down to 0 Hz and runs again with the next ``run``; ``stop`` ends it too.
+
+        A paused drive still has its run command. Raises CapabilityError where the model has no pause.
+        """
+        with self._runner.command() as op:
+            return raise_for_status(await self._runner.run_command(hold.pause(op)))
+
+    async def hold_ramp(self, seconds: float, requested_at: float | None = None) -> Outcome:
+        """Keep the output frequency where it is for ``seconds`` (above 0, at most 10), then go on with the ramp.
+
+        Cancelled meanwhile, or where the drive does not acknowledge the end, the drive is stopped. Raises
+        CapabilityError where the model can't hold its ramp, and LimitError for the time or the frequency.
+        ``requested_at``: as for ``run``.
+        """
+        with self._runner.command(requested_at) as op, self._stops.stop_on_failure(op):
+            return await self._stops.run_motion(hold.hold_ramp(op, seconds))
 
     def jog(
         self,

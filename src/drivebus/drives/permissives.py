@@ -23,6 +23,10 @@ class CommandKind(LocalizedEnum):
     START = "start"
     JOG = "jog"
     SETPOINT = "setpoint"
+    PAUSE = "pause"
+    RESUME = "resume"
+    """Run again after a pause: a start that does not begin at standstill."""
+    RAMP_HOLD = "ramp_hold"
     RESET = "reset"
     WRITE = "write"
     INPUTS = "inputs"
@@ -33,6 +37,9 @@ COMMAND_TTL_S = {  # a command that is older than this was not meant for now; an
     CommandKind.START: 2.0,
     CommandKind.JOG: 2.0,
     CommandKind.SETPOINT: 5.0,
+    CommandKind.PAUSE: 5.0,
+    CommandKind.RESUME: 2.0,
+    CommandKind.RAMP_HOLD: 2.0,
     CommandKind.RESET: 2.0,
     CommandKind.WRITE: 5.0,
     CommandKind.INPUTS: 2.0,
@@ -40,9 +47,17 @@ COMMAND_TTL_S = {  # a command that is older than this was not meant for now; an
 MAX_STATUS_AGE_S = 2.0  # a start needs a status that is no older than the command itself may be
 MIN_DAMAGED_REPLIES = 3  # one damaged reply in a hundred would otherwise inhibit every start for 5 minutes
 
-_MOTION_KINDS = (CommandKind.START, CommandKind.JOG, CommandKind.SETPOINT)
-_START_STATES = frozenset({DriveState.STOPPED})
-_SETPOINT_STATES = frozenset({DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING})
+RUN_STATES = frozenset({DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING})
+"""States in which a motor follows its set frequency."""
+_STATES_FOR_MOTION = {
+    CommandKind.START: frozenset({DriveState.STOPPED}),
+    CommandKind.JOG: frozenset({DriveState.STOPPED}),
+    CommandKind.RESUME: frozenset({DriveState.PAUSED}),
+    CommandKind.SETPOINT: RUN_STATES,
+    CommandKind.RAMP_HOLD: RUN_STATES,
+}
+"""Commands that may move the motor, each with the states in which its frame may be sent."""
+_STARTS = (CommandKind.START, CommandKind.JOG, CommandKind.RESUME)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,14 +110,14 @@ def grant_permit(inputs: PermitInputs) -> Permit:
     _check_valid(command, effect, conditions)
     if effect not in (Effect.SETTING, Effect.MOTION):
         raise NotPermitted("drives.no_permit_needed", effect=effect.value)
-    if effect is Effect.MOTION and command.kind not in (*_MOTION_KINDS, CommandKind.INPUTS):
+    if effect is Effect.MOTION and command.kind not in (*_STATES_FOR_MOTION, CommandKind.INPUTS):
         raise NotPermitted("drives.frame_would_move", kind=command.kind)
     _raise_first(unmet_bus_permissives(inputs.station, conditions))
-    if command.kind in (CommandKind.START, CommandKind.JOG) or effect is Effect.MOTION:
+    if command.kind in _STARTS or effect is Effect.MOTION:
         _raise_first(unmet_start_permissives(conditions, inputs.family))
         if command.kind is not CommandKind.INPUTS:  # an input may also have to be cleared on a running drive
             _check_drive_state(command, effect, conditions, inputs.evidence)
-    if command.kind in _MOTION_KINDS and not inputs.evidence.limits_checked:
+    if command.kind in _STATES_FOR_MOTION and not inputs.evidence.limits_checked:
         raise StartInhibited("drives.limits_unchecked")
     return Permit(
         station=inputs.station,
@@ -156,7 +171,7 @@ def unmet_start_permissives(conditions: BusConditions, family: str) -> Iterator[
 def _check_drive_state(
     command: DriveCommand, effect: Effect, conditions: BusConditions, evidence: DriveEvidence
 ) -> None:
-    """Check the state: a start or jog begins at standstill, a setpoint whose frame may move (DZB100) changes a run."""
+    """Check the state: a start begins at standstill or ends a pause, a setpoint that moves (DZB100) changes a run."""
     if not evidence.preflight_passed:
         raise StartInhibited("drives.preflight_not_done")
     if not evidence.reports_run_state:
@@ -164,8 +179,7 @@ def _check_drive_state(
     if evidence.state_at is None or conditions.now - evidence.state_at > MAX_STATUS_AGE_S:
         age = None if evidence.state_at is None else round(conditions.now - evidence.state_at, 2)
         raise StartInhibited("drives.status_stale", age_s=age, limit_s=MAX_STATUS_AGE_S)
-    allowed = _SETPOINT_STATES if command.kind is CommandKind.SETPOINT else _START_STATES
-    if evidence.derived.state not in allowed:
+    if evidence.derived.state not in _STATES_FOR_MOTION[command.kind]:
         raise state_inhibit(evidence.derived, command.kind)
     if effect is Effect.MOTION and not evidence.is_prepared:
         raise StartInhibited("drives.not_prepared")

@@ -30,7 +30,14 @@ from drivebus.protocols.family import Locator, protocol_family
 from drivebus.serial_settings import SerialSettings
 from drivebus.values import Text
 
-_SAME_IN_BOTH = {"stop": ("stop",), "coast": ("coast",), "quick_stop": ("quick_stop",), "reset_fault": ("reset",)}
+_SAME_IN_BOTH = {
+    "stop": ("stop",),
+    "coast": ("coast",),
+    "quick_stop": ("quick_stop",),
+    "pause": ("pause",),
+    "hold_ramp": ("hold_ramp",),
+    "reset_fault": ("reset",),
+}
 REQUIRED_BITS = _SAME_IN_BOTH | {
     "run": ("start",),
     "reverse": ("forward", "reverse"),
@@ -154,7 +161,9 @@ def _check_capabilities(profile: ProfileIn) -> Iterator[Issue]:
     if "status" in able or profile.status:  # a status word is read, and confirms a stop, without the capability too
         table, states = offered_states(profile)
         fault = () if profile.status and profile.status.hides_faults else ("fault",)
-        for state in ("running", *fault, *(("stopped",) if profile.status and profile.status.values else ())):
+        paused = ("paused",) if "pause" in able else ()
+        stopped = ("stopped",) if profile.status and profile.status.values else ()
+        for state in ("running", *fault, *stopped, *paused):
             if state not in states and "status" in able:
                 yield issue("needs", ("capabilities",), "status", what=f"{table} {state}")
             elif state not in states:

@@ -41,6 +41,8 @@ Capability = Literal[
     "stop",
     "coast",
     "quick_stop",
+    "pause",
+    "hold_ramp",
     "jog",
     "set_frequency",
     "reset_fault",

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import pytest
 
-from drivebus.errors import ControlNotHeld, Interlocked, Superseded
+from drivebus.errors import ControlNotHeld, Interlocked, StartInhibited, Superseded
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import GroupConfig
 from drivebus.testing.virtual_time import run
+from drivebus.values import Text
 from fixtures.service import Json, ServiceKit, plant_config, remote_actor, running_service
 
 GROUP = GroupConfig(id="fans", drives=("fan-1", "fan-2"), leader="fan-1", ratios={"fan-2": 0.5})
@@ -260,5 +261,30 @@ def test_an_audit_record_names_every_drive_that_its_command_affects() -> None:
             assert drives["drive.set_frequency"] == ["fan-2"]
             assert drives["group.start"] == ["fan-1", "fan-2"]
             assert drives["lease.take"] is None
+
+    run(scenario())
+
+
+@pytest.mark.parametrize(
+    ("operation", "event"), [("drive.pause", "plant.did_pause"), ("drive.hold_ramp", "plant.did_hold_ramp")]
+)
+def test_a_leader_is_neither_paused_nor_held_while_a_follower_runs(operation: str, event: str) -> None:
+    """Its followers would run on at their share of the frequency that it no longer has."""
+    pumps = GroupConfig(id="pumps", drives=("pump-1", "pump-2"), leader="pump-1")
+    more = {"seconds": 1.0} if operation == "drive.hold_ramp" else {}
+
+    async def scenario() -> None:
+        async with running_service(plant_config(groups=(pumps,))) as kit:
+            await asyncio.sleep(2)
+            await kit.grant_waivers()
+            await kit.call("group.start", group="pumps", frequency_hz=20.0)
+            await asyncio.sleep(5)
+            with pytest.raises(StartInhibited) as rejected:
+                await kit.call(operation, drive="pump-1", **more)
+            assert rejected.value.key == "plant.leader_holds" and rejected.value.params["follower"] == "pump-2"
+            found = await kit.call(operation, drive="pump-2", **more)
+            assert found["outcome"]["status"] in ("confirmed", "acknowledged")
+            how = Text.from_mapping(found["outcome"]["text"])
+            assert kit.drives_of_events(event, **more, how=how) == ["pump-2"]
 
     run(scenario())

@@ -70,7 +70,10 @@ VC660_STOPS = 0x0002 | 0x0020 | 0x0040
 """VC660 §5: b1 stop, b5 coast, b6 emergency stop."""
 VC660_REVERSE, VC660_RESET = 0x0004, 0x0200
 """VC660 §5: b2 direction, b9 fault reset."""
-VC660_BITS = VC660_STARTS | VC660_STOPS | VC660_REVERSE | VC660_RESET
+VC660_PAUSE, VC660_RAMP_HOLD = 0x0080, 0x0100
+"""VC660 §5: b7 pause, b8 ramp hold; levels, so the next word without them ends them."""
+VC660_HOLDS = VC660_PAUSE | VC660_RAMP_HOLD
+VC660_BITS = VC660_STARTS | VC660_STOPS | VC660_REVERSE | VC660_RESET | VC660_HOLDS
 DF800_BITS = 0x001F
 """2000H of the DF800: b1-b0 01 stop, 10 start, 11 jog; b3-b2 direction; b4 fault reset."""
 DF800_TOGGLE = 0x0C
@@ -151,9 +154,9 @@ def _vc660_effect(octets: bytes) -> RequestEffect:
         return value
     if value & VC660_STOPS:
         return RequestEffect.STOP
-    if value & VC660_STARTS:
+    if value & (VC660_STARTS | VC660_RAMP_HOLD):
         return RequestEffect.MOTION
-    return RequestEffect.SETTING if value & VC660_RESET else RequestEffect.RELEASE
+    return RequestEffect.SETTING if value & (VC660_RESET | VC660_PAUSE) else RequestEffect.RELEASE
 
 
 def _df800_effect(octets: bytes) -> RequestEffect:
@@ -181,11 +184,16 @@ def _register_write(octets: bytes) -> tuple[int, int] | None:
 def _worst_vc660(value: int, held: int) -> RequestEffect:
     if value & ~VC660_BITS or value & VC660_STARTS:
         return RequestEffect.MOTION
+    holds = value & VC660_HOLDS
     if value & VC660_STOPS:
-        return RequestEffect.STOP
+        return RequestEffect.MOTION if holds else RequestEffect.STOP
     if (value ^ held) & VC660_REVERSE:
         return RequestEffect.MOTION
-    return RequestEffect.SETTING if value & VC660_RESET else RequestEffect.STOP
+    if value & VC660_RESET:
+        return RequestEffect.MOTION if (value ^ held) & VC660_HOLDS else RequestEffect.SETTING
+    if holds == VC660_PAUSE:
+        return RequestEffect.SETTING
+    return RequestEffect.MOTION if holds or held & VC660_HOLDS else RequestEffect.STOP
 
 
 def _worst_df800(value: int) -> RequestEffect:

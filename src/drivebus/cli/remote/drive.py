@@ -19,9 +19,11 @@ from drivebus.service.api.operations.comm_loss import COMM_LOSS_TEST
 from drivebus.service.api.operations.control import LEASE_RELEASE, LEASE_RENEW, LEASE_TAKE
 from drivebus.service.api.operations.drives import (
     DRIVE_ARM,
+    DRIVE_HOLD_RAMP,
     DRIVE_JOG,
     DRIVE_JOG_END,
     DRIVE_JOG_RENEW,
+    DRIVE_PAUSE,
     DRIVE_RESET,
     DRIVE_RUN,
     DRIVE_SET_FREQUENCY,
@@ -125,6 +127,12 @@ class RemoteDrive:
 
     async def set_frequency(self, frequency_hz: float) -> Outcome:
         return await self._call_with_control(DRIVE_SET_FREQUENCY, frequency_hz=frequency_hz)
+
+    async def pause(self) -> Outcome:
+        return await self._call_with_control(DRIVE_PAUSE)
+
+    async def hold_ramp(self, seconds: float) -> Outcome:
+        return await self._call_with_control(DRIVE_HOLD_RAMP, seconds=seconds)
 
     async def reset_fault(self) -> Outcome:
         return await self._call_with_control(DRIVE_RESET)

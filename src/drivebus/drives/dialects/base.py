@@ -39,6 +39,15 @@ class StopMode(StrEnum):
     JOG_STOP = "jog"
 
 
+class Hold(StrEnum):
+    """Level that keeps a running motor from its set frequency; the value is the capability that a profile must have."""
+
+    PAUSE = "pause"
+    """The motor ramps down to 0 Hz and runs again with the next start."""
+    RAMP = "hold_ramp"
+    """The output frequency stays where it is."""
+
+
 @dataclass(frozen=True, slots=True)
 class CommandFrame:
     """Frame of a command and its retry policy."""
@@ -240,6 +249,14 @@ class Dialect(ABC):
         """Return the frames of a fault reset. Raises CapabilityError for a drive without one."""
         raise CapabilityError("drives.cannot", model=self.profile.model, what="reset_fault")
 
+    def hold(self, hold: Hold) -> CommandFrame:
+        """Return the frame that begins a hold. Raises CapabilityError for a drive without it."""
+        raise CapabilityError("drives.cannot", model=self.profile.model, what=hold.value)
+
+    def end_hold(self) -> CommandFrame:
+        """Return the frame that ends a hold without a start. Raises CapabilityError for a drive without one."""
+        raise CapabilityError("drives.cannot", model=self.profile.model, what=Hold.RAMP.value)
+
     def identity_reads(self) -> tuple[Any, ...]:
         """Return the reads of the identity (C320: class 0, Modbus: the model code); empty where there is none."""
         return ()
@@ -284,6 +301,10 @@ class Dialect(ABC):
     def set_option(self, option: str, value: Any) -> None:
         """Set an undocumented option of the family for this drive."""
         self.options[option] = value
+
+    def on_accepted(self, request: Any) -> None:
+        """Update what the dialect knows of the drive: it has accepted this request, after ``on_sent``."""
+        return
 
     def on_sent(self, request: Any) -> None:
         """Update what the dialect knows of the drive: this request was sent."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivebus.drives.dialects.base import StopMode
+from drivebus.drives.dialects.base import Hold, StopMode
 from drivebus.drives.state import Direction
 from drivebus.errors import CapabilityError
 from drivebus.profiles.model import MOTION_COMMANDS, STOP_COMMANDS, CommandMap
@@ -11,6 +11,7 @@ from drivebus.protocols.codec import Effect
 MOTION_BITS = frozenset(MOTION_COMMANDS)
 STOP_BITS = frozenset(STOP_COMMANDS)
 DIRECTION_BITS = frozenset({"forward", "reverse"})
+HOLD_BITS = frozenset(Hold)
 
 
 class CommandBits:
@@ -24,6 +25,8 @@ class CommandBits:
         self._rewrites_levels = commands.rewrite_levels_after_pulse
         self.levels: int | None = None
         """Direction level that the drive holds; None until one was sent or read."""
+        self._holds: frozenset[str] | None = None if HOLD_BITS & commands.bits.keys() else frozenset()
+        """Holds that were sent and that no accepted word has ended; None: any, as long as nothing was read or sent."""
         self._last_was_edge = False
         """The last word that left began something: what follows it completes that, and takes nothing away."""
 
@@ -39,16 +42,23 @@ class CommandBits:
         return word & ~covered & 0xFFFF == 0
 
     def effect(self, word: int) -> Effect:
-        """Return the effect of a word. One that only stops, or repeats the held levels, is a stop."""
+        """Return the effect of a word. One that only stops, or repeats the held levels, is a stop.
+
+        One that may end a hold moves the motor: where the stop before it was lost, the levels alone would.
+        """
         names = self.active_names(word)
-        if not self.is_mapped(word) or names & MOTION_BITS or not names <= STOP_BITS | DIRECTION_BITS | {"reset"}:
+        holds = names & HOLD_BITS
+        if not self.is_mapped(word) or not names <= STOP_BITS | DIRECTION_BITS | HOLD_BITS | {"reset"}:
             return Effect.MOTION
         held = word & self._direction_mask() == (self.levels or 0)
-        if "reset" in names:
-            return Effect.SETTING if held and not names & STOP_BITS else Effect.MOTION
         if names & STOP_BITS:
-            return Effect.STOP if self._rewrites_levels or not names & DIRECTION_BITS else Effect.MOTION
-        if not held:
+            only_stops = not holds and "reset" not in names and (self._rewrites_levels or not names & DIRECTION_BITS)
+            return Effect.STOP if only_stops else Effect.MOTION
+        if "reset" in names:
+            return Effect.SETTING if held and holds == (self._holds or frozenset()) else Effect.MOTION
+        if holds == {Hold.PAUSE}:
+            return Effect.SETTING if held else Effect.MOTION
+        if holds or self._holds != frozenset() or not held:
             return Effect.MOTION
         return Effect.SETTING if self._last_was_edge else Effect.STOP
 
@@ -61,14 +71,22 @@ class CommandBits:
 
     def on_sent(self, word: int) -> None:
         """Record that a word was sent."""
-        self._last_was_edge = bool(self.active_names(word) & {"start", "reset"})
+        names = self.active_names(word)
+        self._last_was_edge = bool(names & {"start", "reset"})
+        if holds := names & HOLD_BITS:
+            self._holds = holds | (self._holds or frozenset())
         if self._rewrites_levels:
             self.levels = word & self._direction_mask()
 
-    def learn_direction(self, reverse: bool) -> None:
-        """Adopt the set direction that the drive reports, unless one was sent."""
+    def on_accepted(self, word: int) -> None:
+        """Record that the drive accepted the word that was sent last."""
+        self._holds = self.active_names(word) & HOLD_BITS
+
+    def learn_levels(self, reverse: bool, paused: bool) -> None:
+        """Adopt the set direction and the pause that the drive reports, unless a word was sent."""
         if self._rewrites_levels and self.levels is None:
             self.levels = self.map.bits["reverse"].value if reverse and "reverse" in self.map.bits else 0
+            self._holds = frozenset({Hold.PAUSE}) if paused else frozenset()
 
     def start(self, direction: Direction | None) -> tuple[int, ...]:
         """Return the words of a start. Raises CapabilityError for a direction that the map lacks."""
@@ -88,9 +106,23 @@ class CommandBits:
         return self._pulse_and_levels(pulse, self.levels or 0) if pulse else (self.levels or 0,)
 
     def reset(self, model: str) -> tuple[int, ...]:
+        """Return the pulse with all held levels, then these alone."""
         if "reset" not in self.map.bits:
             raise CapabilityError("drives.cannot", model=model, what="reset_fault")
-        return self._pulse_and_levels(self.map.bits["reset"].value, self.levels or 0)
+        levels = self.levels or 0
+        for hold in self._holds or ():
+            levels |= self.map.bits[hold].value
+        return self._pulse_and_levels(self.map.bits["reset"].value, levels)
+
+    def hold(self, hold: Hold, model: str) -> int:
+        """Return the word of a hold with the held direction. Raises CapabilityError for a model without it."""
+        if hold not in self.map.bits:
+            raise CapabilityError("drives.cannot", model=model, what=hold.value)
+        return self.map.bits[hold].value | (self.levels or 0)
+
+    def end_hold(self, model: str) -> int:
+        """Return the held direction alone."""
+        return self.levels or 0
 
     def _pulse_and_levels(self, pulse: int, level: int) -> tuple[int, ...]:
         return (pulse | level, level) if self._rewrites_levels else (pulse | level,)
@@ -133,7 +165,10 @@ class CommandValues:
     def on_sent(self, word: int) -> None:
         """Nothing is held from one word to the next."""
 
-    def learn_direction(self, reverse: bool) -> None:
+    def on_accepted(self, word: int) -> None:
+        """Nothing is held from one word to the next."""
+
+    def learn_levels(self, reverse: bool, paused: bool) -> None:
         """Each start names its direction."""
 
     def start(self, direction: Direction | None) -> tuple[int, ...]:
@@ -155,6 +190,12 @@ class CommandValues:
         if "reset" not in self.map.values:
             raise CapabilityError("drives.cannot", model=model, what="reset_fault")
         return (self.map.values["reset"],)
+
+    def hold(self, hold: Hold, model: str) -> int:
+        raise CapabilityError("drives.cannot", model=model, what=hold.value)
+
+    def end_hold(self, model: str) -> int:
+        raise CapabilityError("drives.cannot", model=model, what=Hold.RAMP.value)
 
     def _value(self, name: str) -> int:
         if name not in self.map.values:

@@ -15,6 +15,7 @@ from drivebus.drives.dialects.base import (
     DEFAULT_POLL_PERIOD_S,
     CommandFrame,
     Dialect,
+    Hold,
     Identity,
     Rejection,
     StopMode,
@@ -301,7 +302,8 @@ class ModbusDialect(Dialect):
             quality, reason = (Quality.BAD, "drives.reserved_bits") if broken else (Quality.GOOD, None)
             found["state"] = Reading(value=raw, unit="", quality=quality, source_time=at, reason=reason, raw=raw)
             if not broken and self.command_word is not None:
-                self.command_word.learn_direction(bool(raw & status.bits.get("set_reverse", 0)))
+                reverse, paused = (bool(raw & status.bits.get(name, 0)) for name in ("set_reverse", "paused"))
+                self.command_word.learn_levels(reverse, paused)
         for register, name in zip(status.fault_registers, self._fault_names, strict=True):
             word = values.get(("holding", register))
             if word is not None:
@@ -392,6 +394,14 @@ class ModbusDialect(Dialect):
             return (CommandFrame(request, RetryPolicy.EDGE_TRIGGERED),)
         return self._command_frames(self._require_command_word().reset(self.profile.model))
 
+    def hold(self, hold: Hold) -> CommandFrame:
+        word = self._require_command_word().hold(hold, self.profile.model)
+        return CommandFrame(self._writes.command(word), RetryPolicy.EDGE_TRIGGERED)
+
+    def end_hold(self) -> CommandFrame:
+        word = self._require_command_word().end_hold(self.profile.model)
+        return CommandFrame(self._writes.command(word), RetryPolicy.EDGE_TRIGGERED)
+
     def identity_reads(self) -> tuple[Any, ...]:
         codes = self.profile.identity_codes
         return () if codes is None else (Span("holding", codes.register).request(self.address),)
@@ -427,11 +437,22 @@ class ModbusDialect(Dialect):
 
     def on_sent(self, request: Any) -> None:
         """Record the levels that the drive holds now."""
-        if request.address != self.address or self.command_word is None:
-            return
-        for write in self._writes.recognize(request_writes(request)) or ():
-            if isinstance(write, CommandWrite):
-                self.command_word.on_sent(write.word)
+        if self.command_word is not None:
+            for word in self._command_words(request):
+                self.command_word.on_sent(word)
+
+    def on_accepted(self, request: Any) -> None:
+        """Record the holds that the drive is in now."""
+        if self.command_word is not None:
+            for word in self._command_words(request):
+                self.command_word.on_accepted(word)
+
+    def _command_words(self, request: Any) -> list[int]:
+        """Return the command words that a request writes to this drive."""
+        if request.address != self.address:
+            return []
+        writes = self._writes.recognize(request_writes(request)) or ()
+        return [write.word for write in writes if isinstance(write, CommandWrite)]
 
 
 def _signals_by_locator(profile: DriveProfile) -> dict[Locator, list[tuple[Signal, Span]]]:

@@ -137,7 +137,7 @@ class OperationContext:
         Reads have parameter priority: a stop removes queued commands and must not remove the reads that confirm it.
         """
         expires_at = permit.expires_at if permit is not None else None
-        if self.stop_epoch is not None and self._effect(request) is Effect.STOP:
+        if self.stop_epoch is not None and self.effect(request) is Effect.STOP:
             self.stop_epoch += 1
         moves = permit is not None and (permit.effect is Effect.MOTION or self.changes_run)
         was_running = self.may_be_running
@@ -159,6 +159,8 @@ class OperationContext:
             self.last_motion_result, self.may_be_running = result, was_running or executed
         if result.sent:
             self.dialect.on_sent(request)
+            if result.reply is not None and not self._is_rejected(result):
+                self.dialect.on_accepted(request)
             self._exchanges.add(result, retry_policy)
             self.age.add(result)
         return result
@@ -166,7 +168,8 @@ class OperationContext:
     def _is_rejected(self, result: BusResult) -> bool:
         return result.reply is not None and self.dialect.rejection(result.reply) is not None
 
-    def _effect(self, request: Any) -> Effect:
+    def effect(self, request: Any) -> Effect:
+        """Return the effect of a request on the motor, by its bytes."""
         return self.dialect.station_config.effect_of(self.dialect.codec.encode_request(request))
 
     def check_model(self) -> DriveOperation[UnconfirmedModel | None]:
@@ -271,6 +274,18 @@ class OperationContext:
         self.state_reports.unusable = bilingual_text(why)
         self.derived = DerivedState(DriveState.UNKNOWN, reason=why)
         return None
+
+    def require_state(self) -> DriveOperation[None]:
+        """Read the verified state. Raises the error of the bus."""
+        error = yield from self.read_verified_state()
+        if error is not None:
+            raise error
+
+    def output_hz(self) -> float | None:
+        """Return the newer of two output frequencies, None unless both were read."""
+        pair = self.reading_pairs.pair("output_frequency")
+        value = None if pair is None else pair[1].value
+        return float(value) if isinstance(value, int | float) else None
 
     def _record_report(self) -> None:
         """Record what one read shows: motion in it proves that the drive did not simply stand."""

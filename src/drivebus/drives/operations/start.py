@@ -11,7 +11,7 @@ from typing import Any
 
 from drivebus.bus.messages import BusResult
 from drivebus.drives.context import DriveContext
-from drivebus.drives.dialects.base import CommandFrame
+from drivebus.drives.dialects.base import CommandFrame, Hold
 from drivebus.drives.operations.context import OperationContext, with_note
 from drivebus.drives.operations.preflight import ensure_preflight, recheck_maximum_frequency, record_model
 from drivebus.drives.operations.preparation import prepare_start
@@ -60,7 +60,7 @@ def run(
     try:
         yield from check_readiness(op)
         word, actual_hz = op.check_frequency(frequency_hz)  # again: the pre-flight check reads what the word means
-        if op.derived.state.turning:
+        if op.derived.state.turning and not _may_resume(op, direction):
             outcome = yield from _change_running_speed(op, frequency_hz, direction)
         else:
             outcome = yield from _start_from_standstill(op, actual_hz, direction, word)
@@ -89,21 +89,30 @@ def check_readiness(op: OperationContext) -> DriveOperation[None]:
     A fault is reported first: parameters can't be read then (C320). Raises StartInhibited, PreflightError or the
     error of the bus.
     """
-    yield from _require_state(op)
+    yield from op.require_state()
     state = op.derived.state
     if op.dialect.reports_run_state and not state.turning and state is not DriveState.STOPPED:
         raise state_inhibit(op.derived, CommandKind.START)
     known = op.drive.preflight
     if (yield from ensure_preflight(op)) is not known:
-        yield from _require_state(op)
+        yield from op.require_state()
     yield from record_model(op)
 
 
-def _require_state(op: OperationContext) -> DriveOperation[None]:
-    """Read the verified state. Raises the error of the bus."""
-    error = yield from op.read_verified_state()
-    if error is not None:
-        raise error
+def _may_resume(op: OperationContext, direction: Direction | None) -> bool:
+    """Return whether a start ends a pause. Raises StartInhibited in a fault, or while the motor turns the other way."""
+    derived = op.derived
+    if derived.state is not DriveState.PAUSED or Hold.PAUSE.value not in op.dialect.profile.capabilities:
+        return False
+    if derived.fault_code is not None:
+        raise StartInhibited("drives.state_forbids", state=DriveState.FAULT, kind=CommandKind.RESUME)
+    if op.output_hz() != 0.0 and derived.direction not in (None, direction or Direction.FORWARD):
+        raise StartInhibited("drives.turning", state=derived.state, direction=derived.direction)
+    return True
+
+
+def _start_kind(op: OperationContext) -> CommandKind:
+    return CommandKind.RESUME if op.derived.state is DriveState.PAUSED else CommandKind.START
 
 
 def _change_running_speed(
@@ -122,7 +131,7 @@ def _change_running_speed(
     stop_epoch = (yield from get_bus_conditions()).stop_epoch
     slows_down = derived.state is DriveState.DECELERATING or _output_falls(op)
     outcome = yield from set_frequency(op, frequency_hz)
-    output_hz = _output_hz(op)
+    output_hz = op.output_hz()
     # two readings of a slow ramp are equal: its stop shows only in the speed not rising to the new frequency
     must_rise = output_hz is not None and abs(output_hz) < frequency_hz - speed_tolerance_hz(op, frequency_hz)
     if (slows_down or must_rise) and outcome.succeeded:
@@ -141,14 +150,14 @@ def _check_runs_on(
     until = (yield from get_bus_conditions()).now + START_CONFIRM_TIMEOUT_S
     reports_output = "output_frequency" in op.dialect.profile.signals  # a Huanyang H2A reports its speed instead
     near_hz = speed_tolerance_hz(op, frequency_hz) if reports_output else 0.0
-    first_hz = lowest_hz = abs(_output_hz(op) or 0.0)
+    first_hz = lowest_hz = abs(op.output_hz() or 0.0)
     while True:
         yield from wait(COMMAND_SETTLE_S)
         yield from op.read_verified_state()
         conditions = yield from get_bus_conditions()
         if conditions.stop_epoch != stop_epoch:
             raise op.superseded_error()
-        state, output = op.derived.state, abs(_output_hz(op) or 0.0)
+        state, output = op.derived.state, abs(op.output_hz() or 0.0)
         lowest_hz = min(lowest_hz, output)
         falls = state is DriveState.DECELERATING or output < first_hz
         runs_on = output > lowest_hz or abs(output - frequency_hz) <= near_hz or (not reports_output and not falls)
@@ -160,7 +169,7 @@ def _check_runs_on(
             return op.outcome(OutcomeStatus.FAILED, "drives.start_failed", state=state)
         if state.output_off or conditions.now > until:
             status = OutcomeStatus.UNKNOWN if state is DriveState.UNKNOWN else OutcomeStatus.FAILED
-            return op.outcome(status, "drives.run_while_decelerating", found=reported_text(state, _output_hz(op)))
+            return op.outcome(status, "drives.run_while_decelerating", found=reported_text(state, op.output_hz()))
 
 
 def _output_falls(op: OperationContext) -> bool:
@@ -177,7 +186,7 @@ def _start_from_standstill(
         return (yield from _send_start(op, frequency_hz, direction, word))
     yield from prepare_start(op)
     conditions = yield from op.check_deadline()
-    start = op.create_command(CommandKind.START, conditions)
+    start = op.create_command(_start_kind(op), conditions)
     yield from op.request_permit(start, op.dialect.start(direction, word)[0])  # otherwise no frequency is written
     setpoint = op.create_command(CommandKind.SETPOINT, conditions)
     outcome = yield from write_setpoint(op, setpoint, word, frequency_hz)
@@ -189,7 +198,7 @@ def _start_from_standstill(
     try:
         yield from recheck_maximum_frequency(op)
         if op.dialect.reports_run_state:
-            yield from _require_state(op)
+            yield from op.require_state()
         return (yield from _send_start(op, frequency_hz, direction, word))
     except (StartInhibited, PreflightError, Expired) as withheld:  # the frequency was sent, the start not
         return op.outcome(OutcomeStatus.FAILED, "drives.not_started", why=withheld)
@@ -199,7 +208,7 @@ def _send_start(
     op: OperationContext, frequency_hz: float, direction: Direction | None, word: int
 ) -> DriveOperation[Outcome]:
     conditions = yield from op.check_deadline()
-    command = op.create_command(CommandKind.START, conditions)
+    command = op.create_command(_start_kind(op), conditions)
     op.overspeed_hz = frequency_hz + max(OVERSPEED_SHARE * frequency_hz, OVERSPEED_HZ)
     frames = op.dialect.start(direction, word)
     result = yield from send_frames(op, command, frames)
@@ -376,7 +385,7 @@ def wait_at_speed(
         wrong = _wrong_direction_outcome(op, direction)
         if wrong is not None:
             return wrong
-        state, output = op.derived.state, _output_hz(op)
+        state, output = op.derived.state, op.output_hz()
         if state is DriveState.RUNNING and output is not None and abs(abs(output) - frequency_hz) <= near_hz:
             key = "drives.running_at"
             done = op.outcome(OutcomeStatus.CONFIRMED, key, frequency_hz=frequency_hz, output_hz=output)
@@ -412,13 +421,6 @@ def _stop_at_overspeed(op: OperationContext, frequency_hz: float) -> DriveOperat
     status = OutcomeStatus.FAILED if stopped.succeeded else OutcomeStatus.UNKNOWN
     failure.outcome = op.outcome(status, failure.key, **failure.params)
     raise failure
-
-
-def _output_hz(op: OperationContext) -> float | None:
-    """Return the newer of two readings, None unless both exist."""
-    pair = op.reading_pairs.pair("output_frequency")
-    value = None if pair is None else pair[1].value
-    return float(value) if isinstance(value, int | float) else None
 
 
 def _not_reached_error(

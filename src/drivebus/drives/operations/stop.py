@@ -18,6 +18,7 @@ from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import STATE_NOT_READ, DriveState
 from drivebus.errors import DrivebusError, PortLost
 from drivebus.profiles.diagnostics import bilingual_text
+from drivebus.protocols.codec import Effect
 from drivebus.values import Text
 
 STOP_PROGRESS_TIMEOUT_S = 2.0  # a stop without progress for this long is reported as unconfirmed
@@ -110,9 +111,14 @@ def send_stop(op: OperationContext, mode: StopMode) -> DriveOperation[bool]:
 
 
 def _send_stop_frames(op: OperationContext, mode: StopMode) -> DriveOperation[bool]:
-    """Send the frames of one stop. Return whether the drive accepted the first, which stops."""
+    """Send the frames of one stop. Return whether the drive accepted the first, which stops.
+
+    One after it that may end a pause is not sent until the drive has accepted a stop.
+    """
     answered = False
     for place, request in enumerate(op.dialect.stop(mode)):
+        if place and op.effect(request) is Effect.MOTION:
+            continue
         result: BusResult = yield from op.transact(
             request, RequestPriority.COMMAND if place else RequestPriority.STOP, RetryPolicy.IDEMPOTENT
         )

@@ -13,13 +13,23 @@ from drivebus.drives.context import DriveLimits
 from drivebus.drives.operations.parameter_write import check_write, may_move
 from drivebus.drives.operations.parameters import written_texts
 from drivebus.drives.outcome import Outcome, raise_for_status
-from drivebus.errors import ControlNotHeld, DrivebusError, LimitError, ServiceError, StopUnconfirmed, before_motion
+from drivebus.errors import (
+    ControlNotHeld,
+    DrivebusError,
+    LimitError,
+    ServiceError,
+    StartInhibited,
+    StopUnconfirmed,
+    before_motion,
+)
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import error_to_json, outcome_json
 from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations.drives import (
     DRIVE_ARM,
+    DRIVE_HOLD_RAMP,
     DRIVE_LIMITS,
+    DRIVE_PAUSE,
     DRIVE_RESET,
     DRIVE_RUN,
     DRIVE_SET_FREQUENCY,
@@ -32,6 +42,7 @@ from drivebus.service.api.operations.drives import (
     DriveParams,
     LimitsParams,
     ParameterWriteParams,
+    RampHoldParams,
     RunParams,
     SetFrequencyParams,
     StopParams,
@@ -130,6 +141,25 @@ class DriveCommands:
         runtime.commanded_hz = params.frequency_hz
         answer = self.publish_outcome(runtime, "set_frequency", outcome, actor, frequency_hz=params.frequency_hz)
         return answer | {"followers": await self.update_followers(runtime, params.frequency_hz, actor)}
+
+    @handles(DRIVE_PAUSE)
+    async def pause(self, params: DriveParams, actor: Actor) -> Json:
+        runtime = self._require_no_followers(params.drive, actor)
+        return self.publish_outcome(runtime, "pause", await runtime.drive.pause(), actor)
+
+    @handles(DRIVE_HOLD_RAMP)
+    async def hold_ramp(self, params: RampHoldParams, actor: Actor, ticket: CommandTicket) -> Json:
+        runtime = self._require_no_followers(params.drive, actor)
+        _check_limits_known(runtime)
+        outcome = await runtime.drive.hold_ramp(params.seconds, ticket.issued_at)
+        return self.publish_outcome(runtime, "hold_ramp", outcome, actor, seconds=params.seconds)
+
+    def _require_no_followers(self, drive: str, actor: Actor) -> DriveRuntime:
+        """Return a drive that the actor controls and that leads no running drive. Raises StartInhibited."""
+        runtime = self.require_control(drive, actor)
+        for _, follower in self.plant.followers(drive):
+            raise StartInhibited("plant.leader_holds", drive=drive, follower=follower.id)
+        return runtime
 
     # --- followers ------------------------------------------------------------------------------------------------
 

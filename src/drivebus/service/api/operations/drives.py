@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, StringConstraints
 
+from drivebus.drives.operations.hold import MAX_RAMP_HOLD_S
 from drivebus.service.api.operations.drive_view import Direction, DriveObject
 from drivebus.service.api.operations.models import ProfileObject
 from drivebus.service.api.operations.operation import (
@@ -51,6 +52,12 @@ class SetFrequencyParams(DriveParams):
     """A new setpoint."""
 
     frequency_hz: Frequency
+
+
+class RampHoldParams(DriveParams):
+    """Time in seconds for which the output frequency stays where it is: 0.1 to 10."""
+
+    seconds: Annotated[float, Field(ge=0.1, le=MAX_RAMP_HOLD_S, examples=[5.0])]
 
 
 class StopParams(DriveParams):
@@ -307,6 +314,35 @@ DRIVE_SET_FREQUENCY = Operation(
     audit=Audit.BEST_EFFORT,
     moves_motors=True,
     summary=Text("Change the set frequency; starts nothing", "修改设定频率；不启动任何东西"),
+)
+
+DRIVE_PAUSE = Operation(
+    name="drive.pause",
+    right=Right.OPERATE,
+    method="POST",
+    path="/drives/{drive}/pause",
+    params=DriveParams,
+    response=OutcomeResponse,
+    audit=Audit.BEST_EFFORT,
+    summary=Text(
+        "Pause the run: 0 Hz until the next start or stop; only models with a pause",
+        "暂停运行：输出 0 Hz，直到下次启动或停机；仅限有暂停功能的型号",
+    ),
+)
+
+DRIVE_HOLD_RAMP = Operation(
+    name="drive.hold_ramp",
+    right=Right.OPERATE,
+    method="POST",
+    path="/drives/{drive}/hold-ramp",
+    params=RampHoldParams,
+    response=OutcomeResponse,
+    audit=Audit.BEST_EFFORT,
+    moves_motors=True,
+    summary=Text(
+        "Keep the output frequency where it is for some seconds; answered at the end",
+        "输出频率保持不变若干秒；结束后应答",
+    ),
 )
 
 DRIVE_STOP = Operation(

@@ -75,6 +75,25 @@ function SingleAction({ path, text, note, disabled, name }) {
     <${ErrorNote} error=${error} /><${OutcomeNote} outcome=${result?.outcome} /></div>`;
 }
 
+const RAMP_HOLD_S = 5;
+/** The answer comes after the hold. */
+const HOLD_OPTIONS = { timeout_ms: 30_000 };
+
+/** Pause and ramp hold, of the models that have them. A pause ends by the next start. */
+function Holds({ view, disabled }) {
+  const [execute, busy, error, result] = useRequest();
+  const can = (what) => view.capabilities.includes(what);
+  if (!can("pause") && !can("hold_ramp")) return null;
+  const send = (rest, body) => () => execute(() => api.post(drivePath(view.id, rest), body, HOLD_OPTIONS));
+  const isOff = disabled || view.state === "paused" || !TURNING_STATES.includes(view.state);
+  const action = (what, text, note, act) => can(what) && html`<div><${Button} disabled=${isOff} busy=${busy} onClick=${act}
+    data-do=${what}>${text}<//><p class="hint">${note}</p></div>`;
+  return html`<details><summary>${t("page.hold")}</summary><div class="stack">
+    ${action("pause", t("page.hold_pause"), t("page.hold_pause_note"), send("/pause"))}
+    ${action("hold_ramp", t("page.hold_ramp", { n: RAMP_HOLD_S }), t("page.hold_ramp_note"), send("/hold-ramp", { seconds: RAMP_HOLD_S }))}
+    <${ErrorNote} error=${error} /><${OutcomeNote} outcome=${result?.outcome} /></div></details>`;
+}
+
 const BLOCKERS_ID = "start-blockers";
 export const SAFETY_ID = "safety";
 
@@ -111,6 +130,7 @@ export function ControlPanel({ view }) {
     ${why && !hasControl(view) && html`<p class="hint">${why}</p>`}<${StartBlockers} view=${view} />
     <${LastStop} view=${view} />
     ${may("operate") && html`<${Motion} view=${view} disabled=${disabled} />`}
+    ${may("operate") && html`<${Holds} view=${view} disabled=${disabled} />`}
     ${may("operate") && view.start_inhibited && html`<${SingleAction} path=${drivePath(view.id, "/start-inhibit/release")} name="release"
       note=${t("page.release_note")} text=${t("page.release")} disabled=${disabled} />`}
     ${may("operate") && canJog && html`<details><summary>${t("page.jog")}</summary><${JogPanel} view=${view}

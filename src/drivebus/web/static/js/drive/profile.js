@@ -10,7 +10,7 @@ import { Button, ErrorNote, Notice, Table, useRequest } from "../ui.js";
 import { EvidenceNote } from "./evidence.js";
 
 const CAPABILITIES = [
-  "run", "reverse", "stop", "coast", "quick_stop", "jog", "set_frequency", "reset_fault", "read", "write", "write_ram",
+  "run", "reverse", "stop", "coast", "quick_stop", "pause", "hold_ramp", "jog", "set_frequency", "reset_fault", "read", "write", "write_ram",
   "save", "identify", "broadcast_stop", "status",
 ];
 

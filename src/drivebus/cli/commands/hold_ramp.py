@@ -1,0 +1,49 @@
+"""``hold-ramp``: keep the output frequency where it is for some seconds."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivebus.cli import connect, options, output
+from drivebus.cli.click_ext import Argument
+from drivebus.cli.connect import Target
+from drivebus.cli.drive_command import drive_command, print_outcome
+from drivebus.cli.errors import ExitCode
+
+if TYPE_CHECKING:
+    from drivebus.cli.dry_run import DryRun
+
+
+async def _hold(target: Target, seconds: float) -> ExitCode:
+    from drivebus.cli.signals import shutdown_signals
+
+    with output.continue_without_output(), shutdown_signals(may_suspend=False) as shutdown:
+        async with connect.open_drive(target) as (bus, drive):
+            outcome = await shutdown.interruptible(drive.hold_ramp(seconds))
+            if outcome is None:
+                print_outcome(await drive.stop(), bus.now())
+                return ExitCode.INTERRUPTED
+            return print_outcome(outcome, bus.now())
+
+
+def _plan(dry: DryRun, seconds: float) -> ExitCode:
+    from drivebus.drives.dialects.base import Hold
+    from drivebus.drives.operations.hold import check_ramp_hold
+
+    check_ramp_hold(dry.drive, seconds)
+    dry.add("state", dry.dialect.state_reads())
+    dry.add("hold_ramp", [dry.dialect.hold(Hold.RAMP).request])
+    dry.add("end_hold", [dry.dialect.end_hold().request])
+    return dry.print("dry.note.confirm")
+
+
+command = drive_command(
+    "hold-ramp",
+    _hold,
+    _plan,
+    extra=(Argument(["seconds"], metavar="SECONDS", type=options.HOLD_TIME),),
+    examples=(
+        "drivebus hold-ramp /dev/ttyUSB0 5 --model vc660 --address 3",
+        "drivebus hold-ramp --service http://127.0.0.1:8080 --drive pump-2 5",
+    ),
+)

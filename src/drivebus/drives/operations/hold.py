@@ -1,0 +1,125 @@
+"""Pause a run, and hold the ramp for a while: both are levels that keep a running motor from its set frequency.
+
+A pause lasts until a start or a stop. A ramp hold has no status bit, so no later command could know of it: the
+operation that begins it ends it too.
+"""
+
+from __future__ import annotations
+
+from drivebus.drives.context import DriveContext
+from drivebus.drives.dialects.base import Hold
+from drivebus.drives.operations.context import CommandAge, OperationContext
+from drivebus.drives.operations.preflight import ensure_preflight
+from drivebus.drives.operations.start import COMMAND_SETTLE_S, START_CONFIRM_TIMEOUT_S
+from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
+from drivebus.drives.operations.stop import stop
+from drivebus.drives.outcome import Outcome, OutcomeStatus
+from drivebus.drives.permissives import RUN_STATES, CommandKind, DriveCommand, state_inhibit
+from drivebus.drives.state import DriveState
+from drivebus.errors import Expired, LimitError, StartInhibited
+from drivebus.values import Text
+
+MAX_RAMP_HOLD_S = 10.0  # longest time for which one command keeps the frequency where it is
+RAMP_HOLD_POLL_INTERVAL_S = 0.2  # pause between two verified states while the ramp is held
+
+
+def pause(op: OperationContext) -> DriveOperation[Outcome]:
+    """Pause the run: the motor ramps down to 0 Hz. Raises CapabilityError, StartInhibited or the error of the bus."""
+    op.drive.require_capability(Hold.PAUSE.value)
+    yield from op.start_clock()
+    yield from op.require_state()
+    if op.derived.state is DriveState.PAUSED:
+        return op.outcome(OutcomeStatus.CONFIRMED, "drives.paused")
+    _check_runs(op, CommandKind.PAUSE)
+    command = op.create_command(CommandKind.PAUSE, (yield from op.check_deadline()))
+    result = yield from op.send_command(command, op.dialect.hold(Hold.PAUSE))
+    refused = op.rejected_outcome(result)
+    if refused is not None:
+        return refused
+    return (yield from _wait_until_paused(op, command))
+
+
+def _check_runs(op: OperationContext, kind: CommandKind) -> None:
+    if op.derived.state not in RUN_STATES:
+        raise state_inhibit(op.derived, kind)
+
+
+def _wait_until_paused(op: OperationContext, command: DriveCommand) -> DriveOperation[Outcome]:
+    deadline = (yield from get_bus_conditions()).now + START_CONFIRM_TIMEOUT_S
+    while True:
+        yield from wait(COMMAND_SETTLE_S)
+        error = yield from op.read_verified_state()
+        now = yield from op.check_not_superseded(command)
+        state = op.derived.state
+        if state is DriveState.PAUSED:
+            return op.outcome(OutcomeStatus.CONFIRMED, "drives.paused")
+        if state.output_off:
+            return op.outcome(OutcomeStatus.FAILED, "drives.not_paused", state=state)
+        if now > deadline:
+            is_known = error is None and state is not DriveState.UNKNOWN
+            key = "drives.not_paused" if is_known else "drives.pause_unknown"
+            return op.outcome(OutcomeStatus.FAILED if is_known else OutcomeStatus.UNKNOWN, key, state=state)
+
+
+def check_ramp_hold(drive: DriveContext, seconds: float) -> None:
+    """Check what forbids a ramp hold without a read of the drive. Raises CapabilityError or LimitError."""
+    drive.require_capability(Hold.RAMP.value)
+    if not 0.0 < seconds <= MAX_RAMP_HOLD_S:
+        raise LimitError("drives.ramp_hold_time", seconds=seconds, limit_s=MAX_RAMP_HOLD_S)
+
+
+def hold_ramp(op: OperationContext, seconds: float) -> DriveOperation[Outcome]:
+    """Keep the output frequency where it is for some seconds, then let the motor follow its set frequency again.
+
+    The frequency must be within the limits. A hold whose end the drive does not acknowledge is ended by a stop. Raises
+    before sending: CapabilityError, LimitError, PreflightError, StartInhibited, Expired or the error of the bus.
+    """
+    check_ramp_hold(op.drive, seconds)
+    yield from op.start_clock()
+    yield from op.require_state()
+    _check_runs(op, CommandKind.RAMP_HOLD)
+    yield from ensure_preflight(op)
+    yield from op.require_state()
+    output_hz = op.output_hz()
+    if output_hz is None:
+        raise state_inhibit(op.derived, CommandKind.RAMP_HOLD)
+    op.check_frequency(abs(output_hz))
+    command = op.create_command(CommandKind.RAMP_HOLD, (yield from op.check_deadline()))
+    result = yield from op.send_command(command, op.dialect.hold(Hold.RAMP))
+    refused = op.rejected_outcome(result)
+    if refused is not None:
+        return refused
+    answered = result.error is None
+    if answered and (ended := (yield from _watch(op, command, seconds))) is not None:
+        return ended
+    return (yield from _end_ramp_hold(op, output_hz, answered))
+
+
+def _watch(op: OperationContext, command: DriveCommand, seconds: float) -> DriveOperation[Outcome | None]:
+    """Read the state until the time is over; return the outcome of a motor that was switched off meanwhile."""
+    ends_at = (yield from get_bus_conditions()).now + seconds
+    while True:
+        yield from op.read_verified_state()
+        now = yield from op.check_not_superseded(command)
+        if op.derived.state.output_off:
+            op.may_be_running = False
+            return op.outcome(OutcomeStatus.FAILED, "drives.ramp_hold_ended", state=op.derived.state)
+        if now >= ends_at:
+            return None
+        yield from wait(min(RAMP_HOLD_POLL_INTERVAL_S, ends_at - now))
+
+
+def _end_ramp_hold(op: OperationContext, output_hz: float, answered: bool) -> DriveOperation[Outcome]:
+    """End the hold, by a stop where the drive does not acknowledge that. ``answered``: it has acknowledged the hold."""
+    op.age = CommandAge(requested_at=None, checks_started_at=None)  # the end was requested for now
+    command = op.create_command(CommandKind.RAMP_HOLD, (yield from get_bus_conditions()))
+    try:
+        result = yield from op.send_command(command, op.dialect.end_hold())
+        if result.error is None and op.rejected_outcome(result) is None:
+            op.may_be_running = False
+            held, unknown = "drives.ramp_held", "drives.ramp_hold_unanswered"
+            return op.unverifiable_outcome(answered, held, unknown, output_hz=output_hz)
+    except (StartInhibited, Expired):
+        pass  # the drive no longer shows that it runs, or the bus forbids every motion by now
+    stopped = yield from stop(op)
+    return op.outcome(OutcomeStatus.UNKNOWN, "drives.ramp_hold_unknown", ended=Text.per_language(stopped.text))

@@ -1,0 +1,278 @@
+"""Pause and ramp hold: levels that every later word ends, so each of them is a command of its own."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from drivebus.drives.operations.hold import hold_ramp, pause
+from drivebus.drives.operations.start import run
+from drivebus.drives.operations.stop import stop
+from drivebus.drives.outcome import OutcomeStatus
+from drivebus.drives.state import Direction, DriveState
+from drivebus.errors import CapabilityError, LimitError, OutcomeUnknown, StartInhibited, Superseded
+from drivebus.protocols import modbus
+from fixtures.drives import FakeModbus, PureBus, SimulatedDrives, dialect_for, operation_for, run_virtual
+
+COMMANDS, STATUS = 0x2000, 0x3000
+
+
+async def output_hz(drive: Any) -> float:
+    """Read the output frequency."""
+    return float((await drive.status(["output_frequency"])).readings["output_frequency"].value)
+
+
+def words_of(outcome: Any) -> list[int]:
+    """Return the command words that an operation sent."""
+    requests = [exchange.sent for exchange in outcome.exchanges if exchange.sent[1] == 6]
+    return [int.from_bytes(sent[4:6]) for sent in requests if sent[2:4] == COMMANDS.to_bytes(2)]
+
+
+def test_a_pause_brings_the_motor_to_0_hz_and_a_start_lets_it_run_again() -> None:
+    async def played() -> None:
+        async with SimulatedDrives("vc660") as bench:
+            drive = bench.drive()
+            await drive.run(20.0, wait=True)
+            paused = await drive.pause()
+            assert (paused.status, paused.key) == (OutcomeStatus.CONFIRMED, "drives.paused")
+            assert words_of(paused) == [0x0080]
+            await asyncio.sleep(20.0)
+            assert await output_hz(drive) == 0.0 and bench.station().motor.energised
+            assert words_of(await drive.pause()) == []
+            again = await drive.run(30.0, wait=True)
+            assert again.succeeded and await output_hz(drive) == 30.0
+            assert (await drive.status()).state is DriveState.RUNNING
+
+    run_virtual(played())
+
+
+def test_a_stop_ends_a_paused_run() -> None:
+    async def played() -> None:
+        async with SimulatedDrives("vc660") as bench:
+            drive = bench.drive()
+            await drive.run(20.0, "reverse", wait=True)
+            await drive.pause()
+            stopped = await drive.stop()
+            assert stopped.status is OutcomeStatus.CONFIRMED and words_of(stopped)[:2] == [0x0006, 0x0004]
+            await asyncio.sleep(30.0)
+            assert not bench.station().motor.energised
+
+    run_virtual(played())
+
+
+def test_a_paused_drive_does_not_run_when_its_stop_is_lost() -> None:
+    """The levels that follow a stop would end the pause: without an accepted stop they are not sent."""
+
+    class LosesStops(FakeModbus):
+        lost = 0
+
+        def __call__(self, request: Any) -> Any:
+            if isinstance(request, modbus.WriteRegister) and request.value & 0x0002 and self.lost < 3:
+                self.lost += 1
+                return None
+            return super().__call__(request)
+
+    station = LosesStops(registers={STATUS: 0x0029})
+    bus = PureBus(dialect=dialect_for("vc660"), station=station)
+
+    def stops(ask: Any) -> None:
+        if isinstance(ask.request, modbus.WriteRegister) and station.lost == 3 and ask.request.value == 0:
+            station.registers[STATUS] = 0x0001
+
+    bus.on_request = stops
+    bus.run(stop(operation_for(bus.dialect)))
+    words = [one.value for one in bus.sent(modbus.WriteRegister)]
+    assert words[:3] == [0x0002] * 3 and words[-1] == 0x0000
+
+
+@pytest.mark.parametrize("status", [0x0001, 0x0003, 0x0109], ids=["stopped", "fault", "jogging"])
+def test_only_a_running_motor_is_paused_or_held(status: int) -> None:
+    for operation in (pause, lambda op: hold_ramp(op, 1.0)):
+        bus = PureBus(dialect=dialect_for("vc660"), station=FakeModbus(registers={STATUS: status}))
+        with pytest.raises(StartInhibited):
+            bus.run(operation(operation_for(bus.dialect)))
+        assert not bus.effects()
+
+
+def test_a_pause_that_the_drive_does_not_execute_is_not_called_one() -> None:
+    bus = PureBus(dialect=dialect_for("vc660"), station=FakeModbus(registers={STATUS: 0x0009}))
+    outcome = bus.run(pause(operation_for(bus.dialect)))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_paused")
+    assert "reports running" in outcome.text("en")
+
+
+def test_a_pause_after_which_the_drive_is_silent_is_unknown() -> None:
+    station = FakeModbus(registers={STATUS: 0x0009})
+    bus = PureBus(dialect=dialect_for("vc660"), station=lambda request: None if bus.effects() else station(request))
+    outcome = bus.run(pause(operation_for(bus.dialect)))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.pause_unknown")
+
+
+def test_a_trip_during_a_ramp_hold_is_reported() -> None:
+    registers = {STATUS: 0x0009, 0x0001: 4}
+    bus = PureBus(dialect=dialect_for("vc660"), station=FakeModbus(registers=registers))
+
+    def trips(ask: Any) -> None:
+        if isinstance(ask.request, modbus.WriteRegister):
+            registers[STATUS] = 0x0002
+
+    bus.on_request = trips
+    op = operation_for(bus.dialect)
+    outcome = bus.run(hold_ramp(op, 5.0))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.ramp_hold_ended")
+    assert not op.may_be_running
+
+
+def test_an_unanswered_ramp_hold_is_ended_at_once() -> None:
+    class LosesHold(FakeModbus):
+        def __call__(self, request: Any) -> Any:
+            lost = isinstance(request, modbus.WriteRegister) and request.value == 0x0100
+            return None if lost else super().__call__(request)
+
+    bus = PureBus(dialect=dialect_for("vc660"), station=LosesHold(registers={STATUS: 0x0009, 0x0001: 4}))
+    op = operation_for(bus.dialect)
+    outcome = bus.run(hold_ramp(op, 5.0))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.ramp_hold_unanswered")
+    assert [one.value for one in bus.sent(modbus.WriteRegister)] == [0x0100, 0x0000]
+    assert bus.now < 5.0 and not op.may_be_running
+
+
+def test_a_start_does_not_end_the_pause_of_a_drive_in_fault() -> None:
+    registers = {STATUS: 0x0022, 0x0001: 4, 0x3016: 0x0002}
+    bus = PureBus(dialect=dialect_for("vc660"), station=FakeModbus(registers=registers))
+    with pytest.raises(StartInhibited, match="fault"):
+        bus.run(run(operation_for(bus.dialect), 20.0, None))
+    assert not bus.effects()
+
+
+def test_a_start_the_other_way_round_waits_until_the_paused_motor_stands() -> None:
+    async def played() -> None:
+        async with SimulatedDrives("vc660") as bench:
+            drive = bench.drive()
+            await drive.run(20.0, wait=True)
+            await drive.pause()
+            with pytest.raises(StartInhibited, match="forward"):
+                await drive.run(20.0, Direction.REVERSE)
+            await asyncio.sleep(20.0)
+            assert (await drive.run(20.0, Direction.REVERSE, wait=True)).succeeded
+
+    run_virtual(played())
+
+
+def test_a_ramp_hold_keeps_the_frequency_and_ends_by_itself() -> None:
+    async def played() -> None:
+        async with SimulatedDrives("vc660") as bench:
+            drive = bench.drive()
+            await drive.run(40.0)
+            await asyncio.sleep(3.0)
+            holding = asyncio.create_task(drive.hold_ramp(3.0))
+            await asyncio.sleep(1.0)
+            held_hz = await output_hz(drive)
+            await asyncio.sleep(1.5)
+            assert 0.0 < await output_hz(drive) == held_hz < 40.0
+            outcome = await holding
+            assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.ramp_held")
+            assert words_of(outcome) == [0x0100, 0x0000]
+            await asyncio.sleep(20.0)
+            assert await output_hz(drive) == 40.0
+
+    run_virtual(played())
+
+
+def test_a_stop_during_a_ramp_hold_stops_and_supersedes_it() -> None:
+    async def played() -> None:
+        async with SimulatedDrives("vc660") as bench:
+            drive = bench.drive()
+            await drive.run(20.0, wait=True)
+            holding = asyncio.create_task(drive.hold_ramp(10.0))
+            await asyncio.sleep(1.0)
+            assert (await drive.stop()).status is OutcomeStatus.CONFIRMED
+            with pytest.raises(Superseded):
+                await holding
+            assert not bench.station().motor.energised
+
+    run_virtual(played())
+
+
+def test_a_cancelled_ramp_hold_stops_the_drive() -> None:
+    async def played() -> None:
+        async with SimulatedDrives("vc660") as bench:
+            drive = bench.drive()
+            await drive.run(20.0, wait=True)
+            holding = asyncio.create_task(drive.hold_ramp(10.0))
+            await asyncio.sleep(1.0)
+            holding.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await holding
+            await asyncio.sleep(30.0)
+            assert not bench.station().motor.energised and not drive.stop_pending
+
+    run_virtual(played())
+
+
+def test_a_ramp_hold_whose_end_is_not_acknowledged_is_ended_by_a_stop() -> None:
+    async def played() -> None:
+        async with SimulatedDrives("vc660") as bench:
+            drive, station = bench.drive(), bench.station()
+            await drive.run(20.0, wait=True)
+            holding = asyncio.create_task(drive.hold_ramp(2.0))
+            await asyncio.sleep(1.0)
+            handled = station.handle_request
+
+            def loses_levels(message: Any, codec: Any) -> Any:
+                lost = isinstance(message, modbus.WriteRegister) and message.value == 0
+                return None if lost and not station.motor.stopping else handled(message, codec)
+
+            station.handle_request = loses_levels
+            with pytest.raises(OutcomeUnknown) as caught:
+                await holding
+            assert caught.value.key == "drives.ramp_hold_unknown"
+            assert not station.motor.energised
+
+    run_virtual(played())
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1.0, 10.1, float("nan")])
+def test_the_time_of_a_ramp_hold_is_limited(seconds: float) -> None:
+    bus = PureBus(dialect=dialect_for("vc660"), station=FakeModbus(registers={STATUS: 0x0009}))
+    with pytest.raises(LimitError, match="at most 10") as caught:
+        bus.run(hold_ramp(operation_for(bus.dialect), seconds))
+    assert caught.value.key == "drives.ramp_hold_time"
+    assert not bus.requests
+
+
+def test_no_ramp_is_held_outside_the_limits_of_the_user() -> None:
+    async def played() -> None:
+        async with SimulatedDrives("vc660") as bench:
+            drive = bench.drive()
+            await drive.run(40.0, wait=True)
+            drive.limits = replace(drive.limits, maximum_hz=30.0)
+            with pytest.raises(LimitError):
+                await drive.hold_ramp(1.0)
+
+    run_virtual(played())
+
+
+@pytest.mark.parametrize("model", ["c320", "dzb100", "df800"])
+def test_a_model_without_pause_and_ramp_hold_says_so(model: str) -> None:
+    for operation in (pause, lambda op: hold_ramp(op, 1.0)):
+        bus = PureBus(dialect=dialect_for(model), station=FakeModbus())
+        with pytest.raises(CapabilityError):
+            bus.run(operation(operation_for(bus.dialect)))
+        assert not bus.requests
+
+
+def test_a_start_inhibit_refuses_a_pause_and_a_ramp_hold() -> None:
+    async def played() -> None:
+        async with SimulatedDrives("vc660") as bench:
+            drive = bench.drive()
+            await drive.run(20.0, wait=True)
+            bench.bus.inhibit_start()
+            for command in (drive.pause, lambda: drive.hold_ramp(1.0)):
+                with pytest.raises(StartInhibited):
+                    await command()
+
+    run_virtual(played())
