@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import re
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -528,25 +529,36 @@ async def test_a_head_that_cannot_be_written_is_an_error_until_it_can(tmp_path: 
     await trail.close()
 
 
+@pytest.mark.parametrize(
+    ("language", "pattern"),
+    [
+        ("en", r"audit trail: record (\d+), checkpoint \d+, [0-9a-f]{64}"),
+        ("zh", "审计记录：第 (\\d+) 条，检查点 \\d+，[0-9a-f]{64}"),
+    ],
+)
 async def test_the_log_names_a_checkpoint_at_the_start_each_hour_and_at_the_end(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+    language: str, pattern: str, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv("DRIVEBUS_LANG", language)
     now = datetime(2026, 11, 21, tzinfo=UTC)
     trail = new_trail(tmp_path, wall_clock=lambda: now)
 
-    async def logged() -> list[int]:
+    def logged() -> list[int]:
+        return [int(found[1]) for text in caplog.messages if (found := re.fullmatch(pattern, text))]
+
+    async def logged_after_a_record() -> list[int]:
         await trail.record(sample_entry(1))
         await trail.checkpoint()
-        return [record.args[0] for record in caplog.records if "audit trail" in record.msg]  # type: ignore[index]
+        return logged()
 
     with caplog.at_level("INFO", logger="drivebus.service"):
         await trail.open()
-        assert await logged() == [1]
+        assert await logged_after_a_record() == [1]
         now += timedelta(hours=1)
-        assert await logged() == [1, 3]
+        assert await logged_after_a_record() == [1, 3]
         await trail.record(sample_entry(1))
         await trail.close()
-    assert [record.args[0] for record in caplog.records if "audit trail" in record.msg] == [1, 3, 4]  # type: ignore[index]
+    assert logged() == [1, 3, 4]
 
 
 def test_an_unreadable_trail_cannot_be_verified(tmp_path: Path) -> None:

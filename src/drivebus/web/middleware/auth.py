@@ -144,12 +144,14 @@ class AuthMiddleware:
     ) -> None:
         """Record and answer a denied request, after the requests that came before it.
 
-        The record has the path of the route table, also where it lacks the method; ``-`` stands for an unknown one.
+        The record has the path of the route table, also where it lacks the method; ``-`` where no route was looked up
+        or found.
         """
         await yield_to_loop()
         actor = Actor("", frozenset(), "", address=client_address(scope)) if credential is None else credential.actor
-        known = [route] if route else self.routes.match(scope["path"])
-        await self.denials.record_denial(_method(scope), known[0].path if known else "-", error.key, actor)
+        if isinstance(error, MethodNotAllowed):
+            route = self.routes.match(scope["path"])[0]
+        await self.denials.record_denial(_method(scope), route.path if route else "-", error.key, actor)
         if scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": WEBSOCKET_CLOSE_BASE + http_status(type(error))})
         else:
