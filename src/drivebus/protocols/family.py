@@ -86,9 +86,9 @@ class ProtocolFamily:
     """Option of its profiles that determines the scale of the setpoint: its dialect has a cap until then. None: where a
     profile only assumes the scale, it has the option ``setpoint_step``."""
     simulated_models: tuple[Any, ...] = ()
-    """Mappings of model name to ``simulator.models.SimulatedModel``."""
+    """Mappings of model name to ``simulator.station.SimulatedModel``."""
     profile_simulator: Any = None
-    """``model -> simulator.models.SimulatedModel | None``, for a profile without a simulated drive of its own."""
+    """``model -> simulator.station.SimulatedModel | None``, for a profile without a simulated drive of its own."""
     similar_models: Any = None
     """``name -> list of similar model names``, for a simulated drive that does not exist."""
     scan_models: tuple[str, ...] = ()
