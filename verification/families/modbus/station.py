@@ -10,7 +10,7 @@ from verification.statements.reaction import Reaction, Report
 
 
 class ModbusStation:
-    """VC660 with a status word, DF800 (``short_errors``) without one."""
+    """VC660, or without ``has_status`` the DF800: it has no status word, and its exceptions have no code."""
 
     def __init__(self, *, has_status: bool) -> None:
         self.has_status = has_status
