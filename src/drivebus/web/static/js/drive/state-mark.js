@@ -11,7 +11,7 @@ const APPEARANCES = {
   emergency_stopped: ["fault", "alarm"], unknown: ["unknown", "doubt"],
 };
 
-/** [icon, tone, word, whether it may be over] of a state from `format.stateOf`. A motion may be over after a stop. */
+/** [icon, tone, word, whether it may be over] of a state from `readings.stateOf`. A motion may be over after a stop. */
 export function appearanceOf({ state, presence, lost, beforeStop }) {
   if (presence === "never_seen") return ["silent", "doubt", t("page.presence_never_seen"), lost];
   if (presence === "offline") return ["silent", "alarm", t("page.presence_offline"), lost];
@@ -20,7 +20,7 @@ export function appearanceOf({ state, presence, lost, beforeStop }) {
   return [icon, isOutdated ? "doubt" : tone, t(`drives.state_${state}`), isOutdated];
 }
 
-/** `known` is a state from `format.stateOf`; one that may be over is marked. */
+/** `known` is a state from `readings.stateOf`; one that may be over is marked. */
 export function StateMark({ known, direction, size = 22 }) {
   const [icon, tone, word, isOutdated] = appearanceOf(known);
   const turning = tone === "active" && direction;
