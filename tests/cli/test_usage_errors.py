@@ -187,7 +187,7 @@ def test_the_error_of_an_unknown_choice_lists_the_choices() -> None:
 
 
 def test_chinese_sentences_are_joined_without_a_blank() -> None:
-    assert "没有命令 staus。是否想用 status？" in run_words(["staus"]).output
+    assert "没有命令 statu。是否想用 status？" in run_words(["statu"]).output
 
 
 def test_a_missing_right_is_named_in_the_users_language_and_as_in_a_token() -> None:
