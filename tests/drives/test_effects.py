@@ -262,6 +262,13 @@ def test_the_levels_alone_are_motion_until_the_drive_has_shown_that_it_is_not_pa
     assert word_effect(dialect, 0) is Effect.STOP
 
 
+def test_a_jog_stop_is_a_stop_whatever_reply_was_lost_before() -> None:
+    dialect = dialect_for("vc660")
+    dialect.on_sent(modbus.WriteRegister(1, 0x2000, 0x0080))
+    dialect.on_sent(dialect.jog(Direction.FORWARD, None)[0].request)
+    assert dialect.stop(StopMode.JOG_STOP)[0].value == 0 and word_effect(dialect, 0) is Effect.STOP
+
+
 def test_a_pause_is_a_setting_and_a_ramp_hold_moves() -> None:
     dialect = dialect_for("vc660")
     read_status(dialect, 0x4009)

@@ -8,13 +8,17 @@ from typing import Any
 
 import pytest
 
+from drivebus import profiles
+from drivebus.drives import create_dialect
+from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.operations.hold import hold_ramp, pause
 from drivebus.drives.operations.start import run
 from drivebus.drives.operations.stop import stop
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import Direction, DriveState
-from drivebus.errors import CapabilityError, LimitError, OutcomeUnknown, StartInhibited, Superseded
+from drivebus.errors import CapabilityError, LimitError, OutcomeUnknown, StartInhibited, StopUnconfirmed, Superseded
 from drivebus.protocols import modbus
+from drivebus.protocols.codec import Effect
 from fixtures.drives import FakeModbus, PureBus, SimulatedDrives, dialect_for, operation_for, run_virtual
 
 COMMANDS, STATUS = 0x2000, 0x3000
@@ -276,3 +280,93 @@ def test_a_start_inhibit_refuses_a_pause_and_a_ramp_hold() -> None:
                     await command()
 
     run_virtual(played())
+
+
+def test_a_pause_by_another_program_does_not_end_when_the_stop_is_lost() -> None:
+    """Our own words were sent before: the pause shows in the status alone."""
+
+    async def played() -> None:
+        async with SimulatedDrives("vc660") as bench:
+            drive, station = bench.drive(), bench.station()
+            await drive.run(20.0, wait=True)
+            station.handle_request(modbus.WriteRegister(1, COMMANDS, 0x0080), drive.dialect.codec)
+            assert (await drive.status()).state is DriveState.PAUSED
+            handled = station.handle_request
+            lost: list[int] = []
+            resumed: list[int] = []
+
+            def loses_stops(message: Any, codec: Any) -> Any:
+                if isinstance(message, modbus.WriteRegister) and message.value & 0x0002 and len(lost) < 3:
+                    lost.append(message.value)
+                    return None
+                reply = handled(message, codec)
+                if isinstance(message, modbus.WriteRegister) and not station.paused and not station.motor.stopping:
+                    resumed.append(message.value)
+                return reply
+
+            station.handle_request = loses_stops
+            assert (await drive.stop()).status is OutcomeStatus.CONFIRMED
+            assert len(lost) == 3 and not [word for word in resumed if not word & 0x0002]
+
+    run_virtual(played())
+
+
+def test_a_ramp_hold_does_not_end_the_repetition_of_an_unconfirmed_stop() -> None:
+    async def played() -> None:
+        async with SimulatedDrives("vc660") as bench:
+            drive, station = bench.drive(), bench.station()
+            await drive.run(20.0, wait=True)
+            handled = station.handle_request
+
+            def loses_stops(message: Any, codec: Any) -> Any:
+                lost = isinstance(message, modbus.WriteRegister) and message.value & 0x0002
+                return None if lost else handled(message, codec)
+
+            station.handle_request = loses_stops
+            with pytest.raises(StopUnconfirmed):
+                await drive.stop()
+            with pytest.raises(Superseded):
+                await drive.hold_ramp(5.0)
+            assert drive.stop_pending
+            station.handle_request = handled
+            await asyncio.sleep(20.0)
+            assert not station.motor.energised
+
+    run_virtual(played())
+
+
+def test_a_pause_cancelled_while_its_frame_is_on_the_wire_counts_as_sent() -> None:
+    """Otherwise the levels after a lost stop would end it."""
+
+    async def played() -> None:
+        async with SimulatedDrives("vc660") as bench:
+            drive, station = bench.drive(), bench.station()
+            await drive.run(20.0, wait=True)
+            handled, received = station.handle_request, asyncio.Event()
+
+            def note_pause(message: Any, codec: Any) -> Any:
+                if isinstance(message, modbus.WriteRegister) and message.value == 0x0080:
+                    received.set()
+                return handled(message, codec)
+
+            station.handle_request = note_pause
+            pausing = asyncio.create_task(drive.pause())
+            await received.wait()
+            pausing.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await pausing
+            assert station.paused
+            levels = drive.dialect.stop(StopMode.STOP)[1]
+            assert drive.dialect.effect(drive.dialect.codec.encode_request(levels)) is Effect.MOTION
+
+    run_virtual(played())
+
+
+def test_a_pause_shows_in_a_status_that_is_a_number() -> None:
+    profile = profiles.load("vc660")
+    assert profile.status is not None
+    numbers = replace(profile.status, bits={}, values={0x0029: "paused", 0x0001: "stopped", 0x0009: "running"})
+    dialect: Any = create_dialect(replace(profile, status=numbers), 1)
+    dialect.decode_readings(modbus.ReadRegisters(1, STATUS, 1), modbus.RegisterValues(1, 3, (0x0029,)), 0.0)
+    levels = dialect.stop(StopMode.STOP)[1]
+    assert dialect.effect(dialect.codec.encode_request(levels)) is Effect.MOTION

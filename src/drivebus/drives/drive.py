@@ -235,7 +235,7 @@ class Drive:
         ``requested_at``: as for ``run``.
         """
         with self._runner.command(requested_at) as op, self._stops.stop_on_failure(op):
-            return await self._stops.run_motion(hold.hold_ramp(op, seconds))
+            return raise_for_status(await self._runner.run_command(hold.hold_ramp(op, seconds)))
 
     def jog(
         self,

@@ -12,6 +12,7 @@ MOTION_BITS = frozenset(MOTION_COMMANDS)
 STOP_BITS = frozenset(STOP_COMMANDS)
 DIRECTION_BITS = frozenset({"forward", "reverse"})
 HOLD_BITS = frozenset(Hold)
+JOG_BITS = frozenset({"jog_forward", "jog_reverse"})
 
 
 class CommandBits:
@@ -73,7 +74,9 @@ class CommandBits:
         """Record that a word was sent."""
         names = self.active_names(word)
         self._last_was_edge = bool(names & {"start", "reset"})
-        if holds := names & HOLD_BITS:
+        if names & JOG_BITS:  # a jog begins at standstill, and its end must not depend on a reply
+            self._holds = frozenset()
+        elif holds := names & HOLD_BITS:
             self._holds = holds | (self._holds or frozenset())
         if self._rewrites_levels:
             self.levels = word & self._direction_mask()
@@ -83,10 +86,13 @@ class CommandBits:
         self._holds = self.active_names(word) & HOLD_BITS
 
     def learn_levels(self, reverse: bool, paused: bool) -> None:
-        """Adopt the set direction and the pause that the drive reports, unless a word was sent."""
+        """Adopt the set direction that the drive reports, unless a word was sent, and any pause."""
         if self._rewrites_levels and self.levels is None:
             self.levels = self.map.bits["reverse"].value if reverse and "reverse" in self.map.bits else 0
-            self._holds = frozenset({Hold.PAUSE}) if paused else frozenset()
+        if self._holds is None:
+            self._holds = frozenset()
+        if paused and Hold.PAUSE in self.map.bits:
+            self._holds |= {Hold.PAUSE}
 
     def start(self, direction: Direction | None) -> tuple[int, ...]:
         """Return the words of a start. Raises CapabilityError for a direction that the map lacks."""

@@ -44,9 +44,9 @@ from drivebus.drives.dialects.modbus_writes import (
     UnlockWrite,
 )
 from drivebus.drives.dialects.setpoint_share import setpoint_scale
-from drivebus.drives.dialects.status_word import derive_state, is_valid_status, state_names
+from drivebus.drives.dialects.status_word import derive_state, is_valid_status, state_names, status_state
 from drivebus.drives.readings import ReadingPairs, Readings
-from drivebus.drives.state import DerivedState, Direction
+from drivebus.drives.state import DerivedState, Direction, DriveState
 from drivebus.errors import CapabilityError, ProtocolError, StartInhibited
 from drivebus.profiles.model import CommandMap, DriveProfile, ModbusFeatures, Parameter, Signal, StatusMap
 from drivebus.protocols.codec import Codec, Effect
@@ -303,6 +303,7 @@ class ModbusDialect(Dialect):
             found["state"] = Reading(value=raw, unit="", quality=quality, source_time=at, reason=reason, raw=raw)
             if not broken and self.command_word is not None:
                 reverse, paused = (bool(raw & status.bits.get(name, 0)) for name in ("set_reverse", "paused"))
+                paused = paused or status_state(status, raw) is DriveState.PAUSED  # a word that is a number
                 self.command_word.learn_levels(reverse, paused)
         for register, name in zip(status.fault_registers, self._fault_names, strict=True):
             word = values.get(("holding", register))

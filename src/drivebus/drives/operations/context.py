@@ -151,7 +151,12 @@ class OperationContext:
             expires_at=expires_at,
             waits_in_quarantine=self.waits_in_quarantine,
         )
-        result = yield from transact(bus_request)
+        try:
+            result = yield from transact(bus_request)
+        except GeneratorExit:  # the operation is cancelled, and its command may be on the wire
+            if permit is not None:
+                self.dialect.on_sent(request)
+            raise
         self.port_error = result.error if isinstance(result.error, PortLost) else None
         self.port_loss = self.port_error or self.port_loss
         if moves:
