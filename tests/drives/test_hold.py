@@ -370,3 +370,15 @@ def test_a_pause_shows_in_a_status_that_is_a_number() -> None:
     dialect.decode_readings(modbus.ReadRegisters(1, STATUS, 1), modbus.RegisterValues(1, 3, (0x0029,)), 0.0)
     levels = dialect.stop(StopMode.STOP)[1]
     assert dialect.effect(dialect.codec.encode_request(levels)) is Effect.MOTION
+
+
+def test_a_start_during_a_slow_ramp_to_the_pause_is_no_overspeed() -> None:
+    async def played() -> None:
+        async with SimulatedDrives("vc660") as bench:
+            drive = bench.drive()
+            await drive.run(45.0, wait=True)
+            bench.station().set_ramps(10.0, 600.0)
+            await drive.pause()
+            assert (await drive.run(20.0, wait=True, timeout_s=600.0)).succeeded
+
+    run_virtual(played())

@@ -209,7 +209,10 @@ def _send_start(
 ) -> DriveOperation[Outcome]:
     conditions = yield from op.check_deadline()
     command = op.create_command(_start_kind(op), conditions)
-    op.overspeed_hz = frequency_hz + max(OVERSPEED_SHARE * frequency_hz, OVERSPEED_HZ)
+    highest_hz = frequency_hz
+    if command.kind is CommandKind.RESUME:  # the motor may still ramp down from a higher frequency
+        highest_hz = max(frequency_hz, abs(op.output_hz() or 0.0))
+    op.overspeed_hz = highest_hz + max(OVERSPEED_SHARE * highest_hz, OVERSPEED_HZ)
     frames = op.dialect.start(direction, word)
     result = yield from send_frames(op, command, frames)
     refused = op.rejected_outcome(result)
