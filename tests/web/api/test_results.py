@@ -155,6 +155,7 @@ def test_a_running_service_answers_what_is_described_without_an_undeclared_field
     other = CheckedClient(plant.url, description, Authorization=f"Bearer {token(Role.OPERATOR)}")
     api.wait_until(lambda: all(one["presence"] == "online" for one in api.call("drives.list")["drives"]))
     command_drives(api)
+    hold_and_pause(api)
     request_control(api, other)
     run_comm_loss_test(api)
     trip_and_read_alarms(api, plant)
@@ -198,6 +199,14 @@ def command_drives(api: CheckedClient) -> None:
     api.call("plant.statistics")
     for model in (one["model"] for one in api.call("models.list")["models"]):
         api.call("models.get", model=model)
+
+
+def hold_and_pause(api: CheckedClient) -> None:
+    api.call("drive.run", drive="pump-1", frequency_hz=20.0, arm_token=arm(api, "pump-1"))
+    api.call("drive.hold_ramp", drive="pump-1", seconds=0.1)
+    api.call("drive.pause", drive="pump-1")
+    api.call("drive.stop", drive="pump-1")
+    api.call("lease.release", drive="pump-1")
 
 
 def request_control(api: CheckedClient, other: CheckedClient) -> None:
