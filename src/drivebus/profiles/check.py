@@ -171,6 +171,9 @@ def _check_capabilities(profile: ProfileIn) -> Iterator[Issue]:
     yield from _check_standstill(profile)
     if profile.commands is None:
         return
+    if not profile.commands.rewrite_levels_after_pulse:  # the word of a hold would drop the direction of the run
+        for hold in sorted(able & {"pause", "hold_ramp"}):
+            yield issue("needs", ("capabilities",), hold, what="commands.rewrite_levels_after_pulse = true")
     table, offered = offered_commands(profile.commands)
     required = REQUIRED_VALUES if profile.commands.values else REQUIRED_BITS
     for capability in sorted(able & required.keys()):
