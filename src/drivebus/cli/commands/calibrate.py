@@ -90,13 +90,18 @@ async def _run_motion(session: CalibrationSession, step: Awaitable[T]) -> T | No
         found = await session.shutdown.interruptible(step)
     except BaseException as error:
         if must_stop_after(error):
-            await session.drive.stop()
+            await _stop(session)
         raise
     if found is None:
-        outcome = await session.drive.stop()
-        with output.continue_without_output():
-            print_outcome(outcome, session.bus.now(), event="stopped", stream=True)
+        await _stop(session)
     return found
+
+
+async def _stop(session: CalibrationSession) -> None:
+    """Stop the drive and print how that ended. Raises StopUnconfirmed."""
+    outcome = await session.drive.stop()
+    with output.continue_without_output():
+        print_outcome(outcome, session.bus.now(), event="stopped", stream=True)
 
 
 def _print_result(session: CalibrationSession, step: CalibrationStep, found: CalibrationResult) -> ExitCode:
