@@ -281,6 +281,8 @@ def test_a_pause_is_a_setting_and_a_ramp_hold_moves() -> None:
     assert dialect.end_hold().request.value == 0x0004 and word_effect(dialect, 0x0004) is Effect.MOTION
     assert [frame.request.value for frame in dialect.reset()] == [0x0304, 0x0104]
     assert word_effect(dialect, 0x0304) is Effect.SETTING
+    accept_word(dialect, 0x0304)
+    assert word_effect(dialect, 0x0104) is Effect.SETTING
 
 
 @pytest.mark.parametrize("model", ["c320", "dzb100", "df800"])

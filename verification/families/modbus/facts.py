@@ -191,7 +191,8 @@ def _worst_vc660(value: int, held: int) -> RequestEffect:
         return RequestEffect.MOTION
     if value & VC660_RESET:
         return RequestEffect.MOTION if (value ^ held) & VC660_HOLDS else RequestEffect.SETTING
-    if holds == VC660_PAUSE:
+    completes_reset = held & VC660_RESET and not (value ^ held) & VC660_HOLDS
+    if holds == VC660_PAUSE or (holds and completes_reset):
         return RequestEffect.SETTING
     return RequestEffect.MOTION if holds or held & VC660_HOLDS else RequestEffect.STOP
 

@@ -45,7 +45,7 @@ class CommandBits:
     def effect(self, word: int) -> Effect:
         """Return the effect of a word. One that only stops, or repeats the held levels, is a stop.
 
-        One that may end a hold moves the motor: where the stop before it was lost, the levels alone would.
+        A word without the hold that the drive may be in lets its motor run, unless it stops it.
         """
         names = self.active_names(word)
         holds = names & HOLD_BITS
@@ -59,6 +59,8 @@ class CommandBits:
             return Effect.SETTING if held and holds == (self._holds or frozenset()) else Effect.MOTION
         if holds == {Hold.PAUSE}:
             return Effect.SETTING if held else Effect.MOTION
+        if holds and held and holds == self._holds and self._last_was_edge:  # completes a reset
+            return Effect.SETTING
         if holds or self._holds != frozenset() or not held:
             return Effect.MOTION
         return Effect.SETTING if self._last_was_edge else Effect.STOP
@@ -126,7 +128,7 @@ class CommandBits:
             raise CapabilityError("drives.cannot", model=model, what=hold.value)
         return self.map.bits[hold].value | (self.levels or 0)
 
-    def end_hold(self, model: str) -> int:
+    def end_hold(self) -> int:
         """Return the held direction alone."""
         return self.levels or 0
 
@@ -200,8 +202,8 @@ class CommandValues:
     def hold(self, hold: Hold, model: str) -> int:
         raise CapabilityError("drives.cannot", model=model, what=hold.value)
 
-    def end_hold(self, model: str) -> int:
-        raise CapabilityError("drives.cannot", model=model, what=Hold.RAMP.value)
+    def end_hold(self) -> int:
+        raise CapabilityError("drives.no_command_bit", what=Hold.RAMP.value)
 
     def _value(self, name: str) -> int:
         if name not in self.map.values:

@@ -400,7 +400,7 @@ class ModbusDialect(Dialect):
         return CommandFrame(self._writes.command(word), RetryPolicy.EDGE_TRIGGERED)
 
     def end_hold(self) -> CommandFrame:
-        word = self._require_command_word().end_hold(self.profile.model)
+        word = self._require_command_word().end_hold()
         return CommandFrame(self._writes.command(word), RetryPolicy.EDGE_TRIGGERED)
 
     def identity_reads(self) -> tuple[Any, ...]:

@@ -90,12 +90,12 @@ def hold_ramp(op: OperationContext, seconds: float) -> DriveOperation[Outcome]:
     if refused is not None:
         return refused
     answered = result.error is None
-    if answered and (ended := (yield from _watch(op, command, seconds))) is not None:
+    if answered and (ended := (yield from _wait_for_hold_end(op, command, seconds))) is not None:
         return ended
     return (yield from _end_ramp_hold(op, output_hz, answered))
 
 
-def _watch(op: OperationContext, command: DriveCommand, seconds: float) -> DriveOperation[Outcome | None]:
+def _wait_for_hold_end(op: OperationContext, command: DriveCommand, seconds: float) -> DriveOperation[Outcome | None]:
     """Read the state until the time is over; return the outcome of a motor that was switched off meanwhile."""
     ends_at = (yield from get_bus_conditions()).now + seconds
     while True:
