@@ -164,6 +164,24 @@ def unread(route: Any) -> None:
     route.fulfill(response=answer, json=answer.json() | {"parameters": {"F9.4": silent}})
 
 
+def test_the_faults_of_the_statistics_have_the_labels_of_the_keypad(stage: Stage, visit: Any, expect: Any) -> None:
+    """They read "3: 3". The label is that of the profile, else the code stands for it."""
+    fault = {"code": 3, "label": "Fu.3", "text": {"en": "over-current", "zh": "过电流"}}
+
+    def answer_with(name: str, faults: Any) -> None:
+        def change(route: Any) -> None:
+            answer = route.fetch()
+            route.fulfill(response=answer, json=answer.json() | {"faults": faults})
+
+        page.route(f"**/api/v1/drives/fan-3/{name}", change)
+
+    page = visit("#/drive/fan-2")
+    answer_with("profile", [fault])
+    answer_with("statistics", {"3": 3, "9999": 1})
+    page.goto(f"{stage.at}/#/drive/fan-3?tab=statistics")
+    expect(page.locator("[role=tabpanel]")).to_contain_text("Fu.3 × 3, 9999 × 1")
+
+
 UNLABELLED_FAULT: dict[str, Any] = {"code": -1, "label": "", "text": {"en": "a fault", "zh": "故障"}, "cause": None}
 
 
@@ -678,6 +696,14 @@ def test_the_actions_of_a_row_are_visible_on_a_phone(stage: Stage, visit: Any, t
     edge = page.locator(".panel .scroll").bounding_box()
     box = act.bounding_box()
     assert box["x"] + box["width"] <= edge["x"] + edge["width"] <= 360
+
+
+def test_two_chinese_sentences_of_a_field_have_no_space_between_them(visit: Any, expect: Any) -> None:
+    page = visit("#/settings?tab=users", role="administrator", language="zh")
+    page.click(".panel .button.main")
+    help = page.locator("dialog .field .help").last
+    expect(help).to_contain_text(i18n.text("page.first_password_help", "zh"))
+    assert "。 " not in help.inner_text()
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])

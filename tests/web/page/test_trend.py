@@ -310,6 +310,13 @@ def window_of(page: Any) -> Any:
     return page.locator(".trend-window")
 
 
+def test_an_event_whose_sentence_names_its_drive_names_it_once(scripts: Any) -> None:
+    texts = ("fan-1: no reply", "run at 30 Hz")
+    events = [{"drive": drive, "text": text} for drive in ("fan-1", None) for text in texts]
+    shown = scripts.evaluate("(all) => import('/static/js/trend/events.js').then((m) => all.map(m.eventText))", events)
+    assert shown == ["fan-1: no reply", "fan-1 run at 30 Hz", "fan-1: no reply", "run at 30 Hz"]
+
+
 CENTRES = """(row) => [...row.cells].slice(0, 2).map((cell) => {
   const range = document.createRange();
   range.selectNodeContents(cell);

@@ -67,7 +67,7 @@ function ConnectionNotice() {
   if (connection.value === "starting") return html`<div class="banner info" role="status">${t("page.connecting")}</div>`;
   const age = duration(Math.max(0, now.value - lostAt.value) / 1000);
   return html`<div class="banner bad" role="alert"><${Icon} name="silent" /><span>
-    <strong role="timer">${t("page.offline", { age })}</strong>${" "}${closedText.value ? localized(closedText.value)
+    <strong role="timer">${t("page.offline", { age })}</strong>${t("language.between_sentences")}${closedText.value ? localized(closedText.value)
       : t("page.offline_how")}</span>
     <${Button} onClick=${reconnect}>${t("page.reconnect")}<//></div>`;
 }

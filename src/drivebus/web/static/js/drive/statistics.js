@@ -5,7 +5,11 @@ import { api, drivePath } from "../api.js";
 import { moment, quantity } from "../format.js";
 import { ErrorNote, Loading, useLoaded } from "../ui.js";
 
-export function StatisticsTab({ id }) {
+/** Keypad's label of a fault code, as far as the profile has one. */
+const labelOf = (profile, code) => profile?.faults.find((one) => String(one.code) === code)?.label || code;
+
+/** `profile`: null until it is loaded. */
+export function StatisticsTab({ id, profile }) {
   const [found, error] = useLoaded(() => api.get(drivePath(id, "/statistics")), [id]);
   if (error && !found) return html`<${ErrorNote} error=${error} />`;
   if (!found) return html`<${Loading} />`;
@@ -16,6 +20,6 @@ export function StatisticsTab({ id }) {
     <dt>${t("page.maximum_current")}</dt><dd>${quantity(found.maximum_current_a, "A")}</dd>
     <dt>${t("page.maximum_temperature")}</dt><dd>${quantity(found.maximum_temperature_c, "°C")}</dd>
     <dt>${t("page.fault_counts")}</dt><dd>
-      ${faults.length ? faults.map(([code, n]) => `${code}: ${n}`).join(t("language.between_items")) : t("page.no_faults")}</dd>
+      ${faults.length ? faults.map(([code, n]) => `${labelOf(profile, code)} × ${n}`).join(t("language.between_items")) : t("page.no_faults")}</dd>
     <dt>${t("page.since")}</dt><dd>${moment(found.since_ms)}</dd></dl>`;
 }

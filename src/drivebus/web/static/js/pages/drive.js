@@ -58,7 +58,7 @@ function Details({ view, query }) {
     ["trend", t("page.tab_trend"), () => html`<${TrendTab} view=${view} />`],
     ["parameters", t("page.tab_parameters"), withProfile(ParametersTab)],
     ["faults", t("page.tab_faults"), withProfile(FaultsTab)],
-    ["statistics", t("page.tab_statistics"), () => html`<${StatisticsTab} id=${view.id} />`],
+    ["statistics", t("page.tab_statistics"), () => html`<${StatisticsTab} id=${view.id} profile=${profile} />`],
     ["profile", t("page.tab_profile"), withProfile(ProfileTab)],
   ];
   return html`<section class="panel drivedetails"><${Tabs} label=${t("page.details")} tabs=${tabs} value=${query.tab ?? "trend"}

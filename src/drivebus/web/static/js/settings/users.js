@@ -55,8 +55,8 @@ function NewUser({ onClose }) {
     <${Field} label=${t("page.name")}><input value=${given.name} autocomplete="off" maxlength="64" data-first
       onInput=${(event) => setGiven({ ...given, name: event.target.value })} /><//>
     <${RoleChoice} value=${given.role} onChange=${(role) => setGiven({ ...given, role })} />
-    <${PasswordField} label=${t("page.first_password")} help=${html`${passwordHelp()}${" "}
-      ${t("page.first_password_help")}`} autocomplete="new-password"
+    <${PasswordField} label=${t("page.first_password")} help=${passwordHelp() + t("language.between_sentences")
+      + t("page.first_password_help")} autocomplete="new-password"
       value=${given.password} onInput=${(event) => setGiven({ ...given, password: event.target.value })} />
     ${sensitive && html`<${OwnPassword} value=${own} onChange=${setOwn} />`}
     <${FormEnd} error=${error} onClose=${onClose} submit=${t("page.add_user")}

@@ -21,6 +21,12 @@ export function Events({ trend, source }) {
     ${isCut && html`<p class="help">${t("page.events_cut")}</p>`}</details>`;
 }
 
+/** Sentence of an event with the title of its drive, which most sentences have themselves. */
+export function eventText({ drive, text }) {
+  const [title, sentence] = [drive ? driveTitle(drive) : "", localized(text)];
+  return sentence.includes(title) ? sentence : `${title} ${sentence}`;
+}
+
 /** One event; pressing it puts it in the middle of the chart. */
 function EventRow({ event, trend }) {
   const centre = () => trend.show({ from: event.time_ms - trend.span / 2, to: event.time_ms + trend.span / 2 },
@@ -29,6 +35,6 @@ function EventRow({ event, trend }) {
     <span class="sign" aria-hidden="true">${EVENT_ICONS[event.kind]}</span>
     <time>${moment(event.time_ms)}</time>
     <span class="sr">${t(`page.event_${event.kind}`)}</span>
-    <span class="what">${event.drive ? driveTitle(event.drive) : ""}${" "}${localized(event.text)}</span>
+    <span class="what">${eventText(event)}</span>
     ${event.actor && html`<span class="actor">${event.actor}</span>`}</button>`;
 }
