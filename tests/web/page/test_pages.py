@@ -202,7 +202,8 @@ def test_the_states_of_an_incident_show_the_text_of_a_fault_that_has_no_label(
     page = visit("#/alarms?tab=incidents", language=language)
     page.route("**/api/v1/incidents/*", changed)
     page.locator(".incidents a").first.click()
-    cells = page.get_by_role("region", name=i18n.text("page.incident_states", language)).locator("tbody td:last-child")
+    table = page.get_by_role("region", name=i18n.text("page.incident_states", language))
+    cells = table.locator("tbody td:nth-child(3)")
     expect(cells).to_have_text(["–", labelled["label"], UNLABELLED_FAULT["text"][language]])
 
 
@@ -722,6 +723,16 @@ def test_no_cell_of_a_users_tables_is_cut_off_on_a_phone(visit: Any, tab: str, l
     titles = page.locator(".stacks tbody tr").first.locator("td").evaluate_all(TITLES_OF_CELLS)
     heads = page.locator(".stacks thead th").all_text_contents()
     assert titles == ["none", *(f'"{head}"' for head in heads[1:-1]), "none"]
+
+
+def test_no_frame_and_no_parameter_of_an_incident_is_cut_off_on_a_phone(stage: Stage, visit: Any) -> None:
+    """The meaning of a frame, and the value of a parameter, were beyond the right edge."""
+    trip(stage, "fan-3")
+    page = visit("#/alarms?tab=incidents", size=(375, 812))
+    page.locator(".incidents a").first.click()
+    for title in ("incident_parameters", "frames_title"):
+        page.get_by_role("region", name=word(title)).locator("tbody td").nth(3).wait_for()
+    assert page.evaluate(CELLS_OUT_OF_PLACE) == []
 
 
 CELLS_OUT_OF_PLACE = """() => [...document.querySelectorAll(".stacks td")].filter((cell) => {

@@ -78,9 +78,9 @@ function States({ found }) {
   const columns = [
     [t("page.before_trip"), (one) => `${one.t.toFixed(2)} s`, "right"],
     [t("page.state"), (one) => t(`drives.state_${one.state}`)],
-    [t("page.presence"), (one) => t(`page.presence_${one.presence}`)],
-    [t("page.commanded_column"), (one) => quantity(one.commanded_hz, "Hz"), "right"],
     [t("page.fault"), (one) => (one.fault ? one.fault.label || localized(one.fault.text) : NO_VALUE)],
+    [t("page.commanded_column"), (one) => quantity(one.commanded_hz, "Hz"), "right"],
+    [t("page.presence"), (one) => t(`page.presence_${one.presence}`)],
   ];
   return html`<${Table} caption=${t("page.incident_states")} columns=${columns} rows=${found.states ?? []}
     keyOf=${(one) => one.t} />`;
@@ -108,7 +108,7 @@ function Parameters({ parameters }) {
     [t("page.value"), ([, one]) => valueOrReason(one), "right"],
     [t("page.raw"), ([, one]) => one.raw ?? NO_VALUE, "right"],
   ];
-  return html`<${Table} caption=${t("page.incident_parameters")} columns=${columns} rows=${rows}
+  return html`<${Table} stacks caption=${t("page.incident_parameters")} columns=${columns} rows=${rows}
     keyOf=${([name]) => name} />`;
 }
 
@@ -125,6 +125,6 @@ function IncidentFrames({ frames }) {
     [t("page.bytes"), (frame) => html`<code>${frame.kind === "sent" ? "→" : "←"} ${frame.hex ?? ""}</code>`],
     [t("page.meaning"), (frame) => `${localized(frame.text)} ${localized(frame.error?.text)}`],
   ];
-  return html`<div class="incident-frames"><${Table} caption=${t("page.frames_title")} columns=${columns} rows=${frames}
+  return html`<div class="incident-frames"><${Table} stacks caption=${t("page.frames_title")} columns=${columns} rows=${frames}
     keyOf=${(frame) => frame.n} /></div>`;
 }
