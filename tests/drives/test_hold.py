@@ -152,6 +152,20 @@ def test_a_start_does_not_end_the_pause_of_a_drive_in_fault() -> None:
     assert not bus.effects()
 
 
+def test_a_start_does_not_end_a_pause_in_fault_that_appears_after_its_checks() -> None:
+    registers = {STATUS: 0x0001, 0x0001: 4, 0x3001: 2000, 0x3016: 0x0002}
+    bus = PureBus(dialect=dialect_for("vc660"), station=FakeModbus(registers=registers))
+
+    def trips(ask: Any) -> None:
+        if isinstance(ask.request, modbus.WriteRegister):
+            registers[STATUS] = 0x0022
+
+    bus.on_request = trips
+    outcome = bus.run(run(operation_for(bus.dialect), 20.0, None))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_started")
+    assert [one.register for one in bus.sent(modbus.WriteRegister)] == [0x2001]
+
+
 def test_a_start_the_other_way_round_waits_until_the_paused_motor_stands() -> None:
     async def played() -> None:
         async with SimulatedDrives("vc660") as bench:

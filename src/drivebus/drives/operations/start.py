@@ -111,8 +111,8 @@ def _may_resume(op: OperationContext, direction: Direction | None) -> bool:
     return True
 
 
-def _start_kind(op: OperationContext) -> CommandKind:
-    return CommandKind.RESUME if op.derived.state is DriveState.PAUSED else CommandKind.START
+def _start_kind(op: OperationContext, direction: Direction | None) -> CommandKind:
+    return CommandKind.RESUME if _may_resume(op, direction) else CommandKind.START
 
 
 def _change_running_speed(
@@ -186,7 +186,7 @@ def _start_from_standstill(
         return (yield from _send_start(op, frequency_hz, direction, word))
     yield from prepare_start(op)
     conditions = yield from op.check_deadline()
-    start = op.create_command(_start_kind(op), conditions)
+    start = op.create_command(_start_kind(op, direction), conditions)
     yield from op.request_permit(start, op.dialect.start(direction, word)[0])  # otherwise no frequency is written
     setpoint = op.create_command(CommandKind.SETPOINT, conditions)
     outcome = yield from write_setpoint(op, setpoint, word, frequency_hz)
@@ -208,7 +208,7 @@ def _send_start(
     op: OperationContext, frequency_hz: float, direction: Direction | None, word: int
 ) -> DriveOperation[Outcome]:
     conditions = yield from op.check_deadline()
-    command = op.create_command(_start_kind(op), conditions)
+    command = op.create_command(_start_kind(op, direction), conditions)
     highest_hz = frequency_hz
     if command.kind is CommandKind.RESUME:  # the motor may still ramp down from a higher frequency
         highest_hz = max(frequency_hz, abs(op.output_hz() or 0.0))
