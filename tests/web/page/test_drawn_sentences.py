@@ -9,13 +9,15 @@ from typing import Any
 import pytest
 
 from drivebus import i18n
+from drivebus.drives.permissives import RUN_STATES
+from drivebus.drives.state import DriveState
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.alarms.engine import system_alarm
 from drivebus.values import Text
 from fixtures.browser import Stage
 
 Draw = Callable[..., str]
-DRAW = """async ([module, part, props, { connection, closed, topics, stops, takeovers }]) => {
+DRAW = """async ([module, part, props, { connection, closed, topics, stops, takeovers, only }]) => {
   const load = (name) => import(`/static/js/${name}.js`);
   const names = ["lib", "i18n", "live", "session", "control/stops", "store", "control/takeovers"];
   const [lib, i18n, live, session, stopList, store, taken] = await Promise.all(names.map(load));
@@ -30,7 +32,7 @@ DRAW = """async ([module, part, props, { connection, closed, topics, stops, take
   await new Promise((resolve) => { requestAnimationFrame(() => setTimeout(resolve)); });
   const root = document.body.appendChild(document.createElement("div"));
   lib.render(lib.h((await load(module))[part], props), root);
-  const text = root.textContent;
+  const text = (only ? [...root.querySelectorAll(only)] : [root]).map((one) => one.textContent).join(" ");
   lib.render(null, root);
   root.remove();
   return text.replace(/\\s+/g, " ").trim();
@@ -108,6 +110,20 @@ def test_a_group_whose_drives_the_user_holds_in_another_window_is_requested_from
     del leases["fan-3"]
     text = draw("fleet/group-panel", "GroupPanel", {"id": "air"}, topics=group_topics(fan, leases, "lease"))
     assert "Ask for control" not in text
+
+
+def test_a_pause_and_a_ramp_hold_are_enabled_where_the_service_accepts_them(draw: Draw, fan: Any) -> None:
+    """The page offered them during a jog, a braking or a restart, and beside another master; it got refusals."""
+    able = fan | ONLINE_AND_STOPPED | {"lease": MINE, "capabilities": ["run", "stop", "pause", "hold_ramp"]}
+    holds = ["page.hold_pause", "page.hold_ramp"]
+    for state in DriveState:
+        text = draw("drive/control", "ControlPanel", {"view": able | {"state": str(state)}}, only="button:disabled")
+        assert shown(text, holds, n=5) == ([] if state in RUN_STATES else holds), state
+    blocker = {"key": "drives.foreign_master", "params": {}, "text": {"en": "another master", "zh": "另一个主站"}}
+    for blockers in ([], [blocker]):
+        view = able | {"state": "running", "start_blockers": blockers}
+        text = draw("drive/control", "ControlPanel", {"view": view}, only="button:disabled")
+        assert shown(text, holds, n=5) == (holds if blockers else [])
 
 
 def group_topics(fan: Any, values: dict[str, Any], name: str, leader: str | None = None) -> dict[str, Any]:

@@ -737,7 +737,9 @@ def test_no_frame_and_no_parameter_of_an_incident_is_cut_off_on_a_phone(stage: S
 
 CELLS_OUT_OF_PLACE = """() => [...document.querySelectorAll(".stacks td")].filter((cell) => {
   const [box, edge] = [cell, cell.closest(".panel")].map((one) => one.getBoundingClientRect());
-  return box.left < edge.left || box.right > edge.right || cell.scrollWidth > cell.clientWidth;
+  const titleHeight = parseFloat(getComputedStyle(cell, "::before").height);
+  const isWide = box.left < edge.left || box.right > edge.right || cell.scrollWidth > cell.clientWidth;
+  return isWide || titleHeight > box.height;
 }).map((cell) => cell.textContent)"""
 TITLES_OF_CELLS = "(cells) => cells.map((cell) => getComputedStyle(cell, '::before').content)"
 

@@ -212,7 +212,9 @@ def _worst_command(frame: bytes) -> RequestEffect | int:
 
 def _check_command_word(variant: DriveVariant, value: int) -> None:
     vc660 = variant.model == "vc660"
-    if value & ~(VC660_BITS if vc660 else DF800_BITS) or (not vc660 and value & DF800_TOGGLE == DF800_TOGGLE):
+    with_hold = vc660 and value & VC660_HOLDS and value & (VC660_STARTS | VC660_STOPS)
+    toggles = not vc660 and value & DF800_TOGGLE == DF800_TOGGLE
+    if value & ~(VC660_BITS if vc660 else DF800_BITS) or with_hold or toggles:
         raise ValueError(f"no command is {value:04X}H")
 
 

@@ -54,7 +54,7 @@ class OutcomeResponse(ApiObject):
 class ErrorObject(ApiObject):
     """An error. ``code`` never changes; ``text`` may be worded better.
 
-    ``may_be_running`` false: the motor can't be running by the command; null: not known.
+    ``may_be_running`` false: the motor can't be running by the command; true: it may be; null: not known.
     """
 
     code: str = Field(examples=["drives.above_maximum"])

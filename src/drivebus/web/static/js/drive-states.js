@@ -5,3 +5,6 @@ export const TURNING_STATES = ["running", "accelerating", "decelerating", "joggi
 
 /** States in which the output of a drive is off. */
 export const OFF_STATES = ["stopped", "emergency_stopped", "fault", "not_ready"];
+
+/** States in which the motor follows its set frequency: the only ones of a pause and a ramp hold. */
+export const RUN_STATES = ["running", "accelerating", "decelerating"];

@@ -12,10 +12,10 @@ export function frequencyError(text, { minimum_hz, maximum_hz }) {
   return null;
 }
 
-/** Keys of the start blockers that refuse a frequency too: those of every command but a stop. */
+/** Keys of the start blockers that refuse a frequency, a pause and a ramp hold too: those of every command but a stop. */
 export const SETPOINT_BLOCKERS = ["drives.start_inhibited", "drives.foreign_master", "drives.duplicate"];
 
-/** Whether the service refuses a frequency for this drive now; the reason is among its start blockers. */
+/** Whether the service refuses a frequency, a pause and a ramp hold for this drive now; the reason is among its start blockers. */
 export const refusesFrequency = (view) => view.start_blockers.some(({ key }) => SETPOINT_BLOCKERS.includes(key));
 
 /** `value` is the text of the input; `limits` has minimum_hz and maximum_hz; `onEnter` is called for a valid value. */

@@ -3,7 +3,7 @@ import { html, useEffect, useState } from "../lib.js";
 import { t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
 import { Button, Choice, ErrorNote, Notice, OutcomeNote, useRequest } from "../ui.js";
-import { TURNING_STATES } from "../drive-states.js";
+import { RUN_STATES, TURNING_STATES } from "../drive-states.js";
 import { isLive } from "../live.js";
 import { idle, isInOtherWindow, may } from "../session.js";
 import { hasControl } from "../control/leases.js";
@@ -85,7 +85,7 @@ function Holds({ view, disabled }) {
   const can = (what) => view.capabilities.includes(what);
   if (!can("pause") && !can("hold_ramp")) return null;
   const send = (rest, body) => () => execute(() => api.post(drivePath(view.id, rest), body, HOLD_OPTIONS));
-  const isOff = disabled || view.state === "paused" || !TURNING_STATES.includes(view.state);
+  const isOff = disabled || refusesFrequency(view) || !RUN_STATES.includes(view.state);
   const action = (what, text, note, act) => can(what) && html`<div><${Button} disabled=${isOff} busy=${busy} onClick=${act}
     data-do=${what}>${text}<//><p class="hint">${note}</p></div>`;
   return html`<details><summary>${t("page.hold")}</summary><div class="stack">
