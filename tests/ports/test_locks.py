@@ -11,13 +11,12 @@ import sys
 import threading
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from drivebus.errors import PortUnavailable
 from drivebus.ports import locks, open_port
-from drivebus.ports.locks import DeviceBusy, DeviceLock, ServerLock, lock_dir, lock_owner
+from drivebus.ports.locks import DeviceBusy, DeviceLock, lock_dir, lock_owner
 from fixtures.receiver import FakeReceiver, wait_until
 from ports.conftest import Pty
 
@@ -127,36 +126,8 @@ async def test_this_program_can_not_open_a_serial_server_twice(serial_server: in
         await second.open(FakeReceiver())
     assert caught.value.key == "ports.already_open"
     await first.close()
-    ServerLock("127.0.0.1", serial_server).release()  # at once, before the connection has ended
     await second.open(FakeReceiver())
     await second.close()
-
-
-async def test_a_serial_server_is_unlocked_where_its_next_address_is_tried_and_after_the_timeout(
-    serial_server: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    loop = asyncio.get_running_loop()
-    kind = (socket.AF_INET, socket.SOCK_STREAM, 0, "")
-
-    async def two_addresses(*_: object, **__: object) -> list[Any]:
-        return [(*kind, ("127.0.0.2", 1)), (*kind, ("127.0.0.1", serial_server))]
-
-    monkeypatch.setattr(loop, "getaddrinfo", two_addresses)
-    port = open_port(f"tcp://server:{serial_server}")
-    await port.open(FakeReceiver())
-    ServerLock("127.0.0.2", serial_server).release()
-    with pytest.raises(DeviceBusy):
-        ServerLock("127.0.0.1", serial_server)
-    await port.close()
-
-    async def never(*_: object) -> None:
-        await asyncio.sleep(60)
-
-    monkeypatch.setattr(loop, "sock_connect", never)
-    with pytest.raises(PortUnavailable) as caught:
-        await open_port(f"tcp://server:{serial_server}?timeout=0.1").open(FakeReceiver())
-    assert caught.value.key == "ports.net_timeout"
-    ServerLock("127.0.0.2", serial_server).release()
 
 
 async def test_a_serial_server_that_does_not_answer_or_is_lost_is_unlocked(serial_server: int) -> None:
