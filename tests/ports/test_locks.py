@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import signal
-import socket
 import subprocess
 import sys
-import threading
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from drivebus.errors import PortUnavailable
-from drivebus.ports import locks, open_port
+from drivebus.ports import open_port
 from drivebus.ports.locks import DeviceBusy, DeviceLock, lock_dir, lock_owner
-from fixtures.receiver import FakeReceiver, wait_until
+from fixtures.receiver import FakeReceiver
 from ports.conftest import Pty
 
 HOLD = (
@@ -81,95 +78,6 @@ async def test_this_program_can_not_open_a_port_twice(pty: Pty) -> None:
     await first.close()
     await second.open(FakeReceiver())
     await second.close()
-
-
-@pytest.fixture
-async def serial_server() -> AsyncIterator[int]:
-    """Provide the port of a TCP server that takes any number of connections."""
-    writers = []
-    server = await asyncio.start_server(lambda _, writer: writers.append(writer), "127.0.0.1", 0)
-    yield server.sockets[0].getsockname()[1]
-    for writer in writers:
-        writer.close()
-    server.close()
-
-
-@pytest.mark.parametrize("scheme", ["tcp", "rfc2217"])
-async def test_a_second_drivebus_can_not_open_a_serial_server_unless_it_is_shared(
-    serial_server: int, scheme: str
-) -> None:
-    """Regression: two services opened the same server, two masters on one bus."""
-    url = f"127.0.0.1:{serial_server}?baud=9600"
-    first = await asyncio.create_subprocess_exec(sys.executable, "-c", HOLD, f"tcp://{url}", stdout=subprocess.PIPE)
-    try:
-        assert first.stdout is not None and await first.stdout.readline() == b"open\n"
-        for host in ("127.0.0.1", "localhost"):
-            with pytest.raises(PortUnavailable) as caught:
-                await open_port(f"{scheme}://{host}:{serial_server}?baud=9600").open(FakeReceiver())
-            assert (caught.value.key, caught.value.params["pid"]) == ("ports.held_server", first.pid)
-        assert "shared=on" in str(caught.value) and "shared=on" in caught.value.text("zh")
-        port = open_port(f"tcp://{url}&shared=on")
-        await port.open(FakeReceiver())
-        await port.close()
-    finally:
-        first.kill()
-        await first.wait()
-    port = open_port(f"tcp://{url}")
-    await port.open(FakeReceiver())
-    await port.close()
-
-
-async def test_this_program_can_not_open_a_serial_server_twice(serial_server: int) -> None:
-    first, second = (open_port(f"tcp://127.0.0.1:{serial_server}") for _ in range(2))
-    await first.open(FakeReceiver())
-    with pytest.raises(PortUnavailable) as caught:
-        await second.open(FakeReceiver())
-    assert caught.value.key == "ports.already_open"
-    await first.close()
-    await second.open(FakeReceiver())
-    await second.close()
-
-
-async def test_a_serial_server_that_does_not_answer_or_is_lost_is_unlocked(serial_server: int) -> None:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        number = free.getsockname()[1]
-    for _ in range(2):
-        with pytest.raises(PortUnavailable) as caught:
-            await open_port(f"tcp://127.0.0.1:{number}").open(FakeReceiver())
-        assert caught.value.key == "ports.net_refused"
-    first, receiver = open_port(f"tcp://127.0.0.1:{serial_server}"), FakeReceiver()
-    await first.open(receiver)
-    first._connection._transport.abort()  # type: ignore[attr-defined]
-    await wait_until(lambda: receiver.lost)
-    second = open_port(f"tcp://127.0.0.1:{serial_server}")
-    await second.open(FakeReceiver())
-    await second.close()
-
-
-async def test_an_opening_that_is_cancelled_while_the_lock_is_taken_leaves_no_lock(
-    serial_server: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The disk of the lock file may hang: the thread goes on, and its lock would stay."""
-    taking, hanging = threading.Event(), threading.Event()
-    take = locks._take_lock_file
-
-    def slow(device: str) -> int:
-        taking.set()
-        hanging.wait(20)
-        return take(device)
-
-    monkeypatch.setattr(locks, "_take_lock_file", slow)
-    url = f"tcp://127.0.0.1:{serial_server}"
-    opening = asyncio.create_task(open_port(url).open(FakeReceiver()))
-    await asyncio.to_thread(taking.wait)
-    opening.cancel()
-    await asyncio.gather(opening, return_exceptions=True)
-    hanging.set()
-    await asyncio.sleep(0.2)
-    port = open_port(url)
-    await port.open(FakeReceiver())
-    await port.close()
 
 
 async def test_another_name_of_the_same_device_is_the_same_device(pty: Pty, tmp_path: Path) -> None:

@@ -52,7 +52,6 @@ _SHARED_HINTS = {
     "drives.eeprom_clock": "drives.eeprom_budget",
     "drives.stop_reply_lost": "drives.stop_no_reply",
     "drives.stop_rejected_running": "drives.stop_rejected",
-    "ports.held_server": "ports.held_drivebus",
     "plant.waiver_needed_tested": "plant.waiver_needed",
     "plant.waiver_of_another": "plant.waiver_needed",
 }

@@ -1,9 +1,8 @@
-"""Exclusive ownership of a port: a lock file of our own; for a serial device flock and TIOCEXCL on the device, too.
+"""Exclusive ownership of a serial device: a lock file of our own, and flock and TIOCEXCL on the device.
 
 The lock file gives a second drivebus the pid of the first one; flock excludes every program that checks it (serialx,
 picocom, minicom, drivebus); TIOCEXCL excludes all others without root. The kernel drops both locks when their process
-ends, so a file left by a killed drivebus is stale by itself: the flock on it is the lock, not its pid. A serial server
-in the network has the lock file alone, which programs of other users and machines do not see.
+ends, so a file left by a killed drivebus is stale by itself: the flock on it is the lock, not its pid.
 """
 
 # ruff: noqa: E402  # the assertion below must come first: type checkers stop there on Windows
@@ -82,19 +81,6 @@ class DeviceLock:
         if file >= 0:
             with contextlib.suppress(OSError):
                 os.ftruncate(file, 0)
-            os.close(file)
-
-
-class ServerLock:
-    """Ownership of a serial server's address from construction to ``release``. Raises DeviceBusy."""
-
-    def __init__(self, host: str, port: int) -> None:
-        self._lock_file = _take_lock_file(f"tcp:{host}:{port}")
-
-    def release(self) -> None:
-        """Idempotent. The pid stays in the file, which is stale without its lock: writing could wait for a disk."""
-        file, self._lock_file = self._lock_file, -1
-        if file >= 0:
             os.close(file)
 
 

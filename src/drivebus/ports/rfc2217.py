@@ -164,11 +164,11 @@ class TelnetClient:
 
 
 class Rfc2217Port:
-    """Port of a serial server with RFC 2217: ``rfc2217://HOST:PORT?baud=…&format=…&timeout=3&shared=off``."""
+    """Port of a serial server with RFC 2217: ``rfc2217://HOST:PORT?baud=…&format=…&timeout=3``."""
 
     def __init__(self, url: PortUrl) -> None:
         """Raises PortUrlError for an unknown option."""
-        url.reject_unknown_options("echo", "timeout", "shared")
+        url.reject_unknown_options("echo", "timeout")
         self.settings = url.settings
         self.capabilities = Capabilities()
         self.echo: EchoSetting = url.echo()
@@ -178,7 +178,6 @@ class Rfc2217Port:
         """Settings that the server did not acknowledge."""
         self._host, self._port = url.host, url.port or 0
         self._timeout_s = url.number("timeout", CONNECT_TIMEOUT_S, 0.1, 60)
-        self._shared = url.flag("shared")
         self._connection: TcpConnection | None = None
         self._telnet = TelnetClient()
         self._receiver: Receiver | None = None
@@ -190,7 +189,7 @@ class Rfc2217Port:
         if self._connection is not None:
             raise PortUnavailable("ports.already_open", port=self.identity)
         self._telnet, self._failure = TelnetClient(), None
-        connection = TcpConnection(self.identity, self._on_data, self._on_lost, shared=self._shared)
+        connection = TcpConnection(self.identity, self._on_data, self._on_lost)
         await connection.connect(self._host, self._port, self._timeout_s)
         self._connection = connection
         try:

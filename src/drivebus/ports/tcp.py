@@ -3,9 +3,6 @@
 The serial settings are made on the server itself. Line timing and parity checks are lost: the network batches bytes
 and no parity error is reported. The baud rate of the port URL must be the server's own: bus timing is computed from it.
 
-While a drivebus of this user on this machine has a server open, no other one opens it: two masters on one bus. A server
-that itself lets several masters take turns is opened with ``shared=on``.
-
 The connection is dropped, with the bytes that it still holds, when the peer has accepted nothing for
 ``TCP_STALL_TIMEOUT_S``, as a start could reach the drive long after it was requested.
 """
@@ -13,19 +10,13 @@ The connection is dropped, with the bytes that it still holds, when the peer has
 from __future__ import annotations
 
 import asyncio
-import os
 import socket
-import sys
 from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 from drivebus.errors import PortLost, PortUnavailable, SystemReason
 from drivebus.ports.url import PortUrl
 from drivebus.types import Capabilities, EchoSetting, Receiver
-
-if TYPE_CHECKING:
-    from drivebus.ports.locks import ServerLock
 
 TCP_STALL_TIMEOUT_S = 2.0  # the expiry of a start command
 CONNECT_TIMEOUT_S = 3.0  # default of the option ``timeout``: a serial server on the same site answers in milliseconds
@@ -41,12 +32,8 @@ _KEEPALIVE = {  # a vanished server is noticed within 11 s of silence, on Linux 
 class TcpConnection(asyncio.Protocol):
     """TCP connection of a port. ``on_lost`` is called once, unless ``close`` was called first."""
 
-    def __init__(
-        self, name: str, on_data: Callable[[bytes], None], on_lost: Callable[[PortLost], None], *, shared: bool
-    ) -> None:
-        """``shared``: other programs of this machine may use the server at the same time."""
-        self._name, self._shared = name, shared
-        self._lock: ServerLock | None = None
+    def __init__(self, name: str, on_data: Callable[[bytes], None], on_lost: Callable[[PortLost], None]) -> None:
+        self._name = name
         self._on_lost: Callable[[PortLost], None] | None = on_lost
         self._transport: asyncio.Transport | None = None
         self.data_received = on_data  # type: ignore[method-assign, assignment]  # one call less for each chunk
@@ -55,9 +42,8 @@ class TcpConnection(asyncio.Protocol):
         """Raises PortUnavailable with the reason and the remedy."""
         try:
             async with asyncio.timeout(timeout_s):
-                connected = await self._connect(host, port)
-                loop = asyncio.get_running_loop()
-                self._transport, _ = await loop.create_connection(lambda: self, sock=connected)
+                connected = await _connect(host, port)
+                transport, _ = await asyncio.get_running_loop().create_connection(lambda: self, sock=connected)
         except TimeoutError as error:
             raise PortUnavailable("ports.net_timeout", port=self._name, seconds=timeout_s) from error
         except socket.gaierror as error:
@@ -66,36 +52,7 @@ class TcpConnection(asyncio.Protocol):
             raise PortUnavailable("ports.net_refused", port=self._name, number=port) from error
         except OSError as error:
             raise PortUnavailable("ports.net", port=self._name, reason=SystemReason(error)) from error
-        finally:
-            if self._transport is None:
-                self._release()
-
-    async def _connect(self, host: str, port: int) -> socket.socket:
-        """Try each address of the host in turn, each with its lock. Raises the error of the last address."""
-        loop = asyncio.get_running_loop()
-        failure: OSError | None = None
-        for family, kind, protocol, _, address in await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM):
-            if not self._shared:
-                self._lock = await _lock_server(self._name, str(address[0]), port)
-            sock = socket.socket(family, kind, protocol)
-            try:
-                sock.setblocking(False)
-                _set_socket_options(sock)
-                await loop.sock_connect(sock, address)
-                return sock
-            except OSError as error:
-                sock.close()
-                self._release()
-                failure = error
-            except BaseException:
-                sock.close()
-                raise
-        raise failure or OSError("no address")
-
-    def _release(self) -> None:
-        lock, self._lock = self._lock, None
-        if lock is not None:
-            lock.release()
+        self._transport = transport
 
     def write(self, data: bytes) -> None:
         """Raises PortLost where the connection is gone or still holds an earlier frame."""
@@ -110,7 +67,6 @@ class TcpConnection(asyncio.Protocol):
     def close(self) -> None:
         """Close the connection; the server still gets what was written. Idempotent."""
         self._on_lost = None
-        self._release()
         transport, self._transport = self._transport, None
         if transport is not None:
             transport.close()
@@ -118,7 +74,6 @@ class TcpConnection(asyncio.Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         on_lost, self._on_lost = self._on_lost, None
         self._transport = None
-        self._release()
         if on_lost is not None:
             on_lost(PortLost("ports.lost", port=self._name, reason=_reason(exc)))
 
@@ -127,29 +82,24 @@ def _reason(exc: Exception | None) -> SystemReason | PortLost:
     return PortLost("ports.server_closed") if exc is None else SystemReason(exc)
 
 
-async def _lock_server(name: str, host: str, port: int) -> ServerLock | None:
-    """Lock a server beside the event loop, as the disk of the lock file may hang; None on a system without such locks.
-
-    Raises PortUnavailable where a drivebus has it.
-    """
-    if sys.platform == "win32":
-        return None
-    from drivebus.ports.locks import DeviceBusy, ServerLock
-
-    locking = asyncio.get_running_loop().run_in_executor(None, ServerLock, host, port)
-    try:
-        return await asyncio.shield(locking)
-    except asyncio.CancelledError:
-        locking.add_done_callback(_release_when_locked)
-        raise
-    except DeviceBusy as error:
-        key = "ports.already_open" if error.pid == os.getpid() else "ports.held_server"
-        raise PortUnavailable(key, port=name, pid=error.pid or "?") from error
-
-
-def _release_when_locked(locking: asyncio.Future[ServerLock]) -> None:
-    if not locking.cancelled() and locking.exception() is None:
-        locking.result().release()
+async def _connect(host: str, port: int) -> socket.socket:
+    """Try each address of the host in turn. Raises the error of the last address."""
+    loop = asyncio.get_running_loop()
+    failure: OSError | None = None
+    for family, kind, protocol, _, address in await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM):
+        sock = socket.socket(family, kind, protocol)
+        try:
+            sock.setblocking(False)
+            _set_socket_options(sock)
+            await loop.sock_connect(sock, address)
+            return sock
+        except OSError as error:
+            sock.close()
+            failure = error
+        except BaseException:
+            sock.close()
+            raise
+    raise failure or OSError("no address")
 
 
 def _set_socket_options(sock: socket.socket) -> None:
@@ -164,11 +114,11 @@ def _set_socket_options(sock: socket.socket) -> None:
 
 
 class TcpPort:
-    """Port of a raw TCP serial server: ``tcp://HOST:PORT?baud=…&format=…&timeout=3&shared=off``."""
+    """Port of a raw TCP serial server: ``tcp://HOST:PORT?baud=…&format=…&timeout=3``."""
 
     def __init__(self, url: PortUrl) -> None:
         """Raises PortUrlError for an unknown option."""
-        url.reject_unknown_options("echo", "timeout", "shared")
+        url.reject_unknown_options("echo", "timeout")
         self.settings = url.settings
         self.capabilities = Capabilities()
         self.echo: EchoSetting = url.echo()
@@ -176,7 +126,6 @@ class TcpPort:
         self.identity = f"tcp:{url.host}:{url.port}"
         self._host, self._port = url.host, url.port or 0
         self._timeout_s = url.number("timeout", CONNECT_TIMEOUT_S, 0.1, 60)
-        self._shared = url.flag("shared")
         self._connection: TcpConnection | None = None
 
     async def open(self, receiver: Receiver) -> None:
@@ -188,7 +137,7 @@ class TcpPort:
             self._connection = None
             receiver.port_lost(error)
 
-        connection = TcpConnection(self.identity, receiver.data_received, on_lost, shared=self._shared)
+        connection = TcpConnection(self.identity, receiver.data_received, on_lost)
         await connection.connect(self._host, self._port, self._timeout_s)
         self._connection = connection
 
