@@ -164,6 +164,16 @@ def test_a_start_that_the_drive_has_rejected_is_followed_by_no_stop(model: str, 
     assert script.has_acted and not script.has_stopped
 
 
+@pytest.mark.parametrize(("code", "stops"), [(1, False), (4, False), (5, True), (6, False), (10, False), (11, True)])
+def test_a_start_with_an_exception_that_does_not_exclude_its_execution_is_followed_by_a_stop(
+    code: int, stops: bool
+) -> None:
+    """Acknowledge (5) says that the request is executed; a gateway (11) has only lost the reply."""
+    script = Script("rejected", reply=modbus.ExceptionReply(1, 6, code))
+    play(script, lambda: run_command("vc660"))
+    assert script.has_acted and script.has_stopped is stops
+
+
 @pytest.mark.parametrize(("place", "stops"), [("before", False), ("unsent", False), ("sent", True), ("after", True)])
 def test_a_run_of_a_drive_that_turns_is_followed_by_a_stop_only_where_its_frequency_may_have_left(
     place: str, stops: bool

@@ -340,6 +340,32 @@ def test_a_stop_of_several_addresses_is_answered_with_the_whole_command(addresse
     assert "停多台请用 `drivebus stop --all" in run_words(["stop", "sim://c320@1-2", *addresses.split()]).output
 
 
+@pytest.mark.parametrize("words", ["sim://c320@1-2 --quick", "sim://c320@1-2 --assume-model", "-- sim://c320@1-2"])
+def test_the_whole_command_of_a_stop_has_no_word_with_which_it_would_be_refused(words: str) -> None:
+    """Regression: the command that was to stop the drives was refused for its --quick."""
+    result = run_words(["stop", "--model", "c320", "--address", "1,2", *words.split()], "en")
+    command = re.search(r"`drivebus (.*?)`", " ".join(result.output.split()))
+    assert command is not None, result.output
+    assert run_words(command[1].split(), "en").exit_code == 0, command[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "remedy"),
+    [
+        ("plant.toml", "`drivebus stop --all plant.toml`"),
+        ("--group fans", "add --service URL"),
+        ("--drive fan-1", "add --service URL"),
+        ("--directory folder", "--directory needs --all"),
+    ],
+)
+def test_a_stop_through_a_service_with_several_addresses_is_answered_with_no_command_that_is_refused(
+    words: str, remedy: str
+) -> None:
+    result = run_words(["stop", *words.split(), "--address", "1,2"], "en")
+    shown = " ".join(result.output.split())
+    assert result.exit_code == 2 and remedy in shown and "--address 1,2`" not in shown
+
+
 @pytest.mark.parametrize("alike", errors._SHARED_HINTS)
 def test_errors_with_the_same_remedy_share_its_text(alike: str) -> None:
     hint = errors.error_hint(DrivebusError(alike))

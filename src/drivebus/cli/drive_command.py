@@ -221,5 +221,5 @@ async def print_comm_loss(drive: Drive) -> None:
 
 
 def must_stop_after(error: BaseException) -> bool:
-    """Return whether a stop must follow a failed command: always, unless its drive or its service knows better."""
+    """Return whether a stop must follow a failed command: always, unless its drive or its service rules that out."""
     return getattr(error, "may_be_running", None) is not False

@@ -18,6 +18,7 @@ from drivebus.service.config.load import load
 from drivebus.service.ipc.client import SocketClient
 from drivebus.service.ipc.server import SocketServer
 from drivebus.service.runtime import configuration_check
+from drivebus.web.gateway import WebConfig, web_address
 from fixtures.service import LOCAL, SHOP_FILE, ServiceKit, running_service
 
 FAN_2 = SHOP_FILE.partition("[drive.fan-1]")[2].replace("address = 1", "address = 2")
@@ -147,6 +148,7 @@ async def test_faults_and_differences_of_a_text_are_found(tmp_path: Path) -> Non
         ("", "port = 0", "starts it at a free port"),
         ("port = 0", "port = 9090", "starts it at http://127.0.0.1:9090: open it there"),
         ("", "enabled = false", "switches web off"),
+        ("port = 0", "enabled = false", "switches web off"),
         ("", 'origins = ["https://hall.example"]', None),
         ("enabled = false", "enabled = false\nport = 9090", None),
         ("port = 0", "port = 0", None),
@@ -162,6 +164,11 @@ def test_a_check_says_where_a_page_is_found_that_a_reload_moves(
     notes = configuration_check.check_text(f"{SHOP_FILE}[gateway.web]\n{after}\n", running)["notes"]
     assert [english in note["en"] for note in notes] == ([] if english is None else [True]), notes
     assert all("重新加载后 web" in note["zh"] for note in notes)
+
+
+def test_a_page_on_all_addresses_of_a_machine_is_found_by_any_of_its_names() -> None:
+    assert web_address(WebConfig(host="0.0.0.0", port=8443, certificate=Path("c"))) == "https://HOST:8443"
+    assert web_address(WebConfig(host="hall.example", port=443, certificate=Path("c"))) == "https://hall.example:443"
 
 
 async def test_one_check_runs_at_a_time_and_ends_with_its_client(tmp_path: Path) -> None:

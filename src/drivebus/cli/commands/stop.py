@@ -48,6 +48,8 @@ PORT_RETURN_POLLS = 20  # a lost port is waited for 2 s, as long as a stop witho
 PORT_POLL_INTERVAL_S = 0.1  # pause between two of them
 EVIDENCE_OF_PRESENCE = {"late", "foreign", "duplicate"}  # frames of a station outside its own transaction, as counted
 STOP_ACCEPT_TIMEOUT_S = 3.0  # a service accepts a stop at once; only its result takes as long as a motor to stop
+_FLAGS_OF_ONE_DRIVE = ("--quick", "--assume-model", "--")  # left out of the command that stops several
+_NOT_OF_ADDRESSES = ("everything", "service", "drive", "group", "directory")
 _BUS_OPTIONS = ("model", "address", "baud", "format", "encoding", "option", "record")
 
 
@@ -423,20 +425,21 @@ class StopCommand(RemoteCommand):
         return super().parse_args(ctx, args)
 
     def _check_one_address(self, ctx: click.Context, args: list[str]) -> None:
-        """Raise BadParameter for several addresses without ``--all``."""
+        """Raise BadParameter for several addresses of a port without ``--all``."""
         try:
             values, _, _ = self.make_parser(ctx).parse_args(list(args))
             found = ",".join(dict.fromkeys(values.get("addresses", ())))
             is_one = len(parse_addresses(found)) == 1
         except (click.UsageError, ValueError):
             return  # the parsing that follows reports it
-        if is_one or values.get("everything") or values.get("service"):
-            return
+        is_plant = str(values.get("target") or "").endswith(".toml")
+        if is_one or is_plant or any(values.get(name) for name in _NOT_OF_ADDRESSES):
+            return  # with --all they are right, elsewhere the command reports what is wrong
         words, others = iter(args), []
         for word in words:
             if word == "--address":
                 next(words, None)
-            elif not word.startswith("--address="):
+            elif not word.startswith("--address=") and word not in _FLAGS_OF_ONE_DRIVE:
                 others.append(word)
         whole = shlex.join(["drivebus", "stop", "--all", *others, "--address", found])
         param = next(each for each in self.params if each.name == "addresses")

@@ -62,6 +62,8 @@ class Rejection:
 
     key: str
     code: int | None
+    may_be_executed: bool = False
+    """Whether the drive may execute the request nevertheless."""
 
     @property
     def text(self) -> Text:

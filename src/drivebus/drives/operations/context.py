@@ -160,18 +160,20 @@ class OperationContext:
         self.port_error = result.error if isinstance(result.error, PortLost) else None
         self.port_loss = self.port_error or self.port_loss
         if moves:
-            executed = bool(result.sent) and not (result.attempts == 1 and self._is_rejected(result))
+            rejection = self._rejection(result)
+            is_refused = result.attempts == 1 and rejection is not None and not rejection.may_be_executed
+            executed = bool(result.sent) and not is_refused
             self.last_motion_result, self.may_be_running = result, was_running or executed
         if result.sent:
             self.dialect.on_sent(request)
-            if result.reply is not None and not self._is_rejected(result):
+            if result.reply is not None and self._rejection(result) is None:
                 self.dialect.on_accepted(request)
             self._exchanges.add(result, retry_policy)
             self.age.add(result)
         return result
 
-    def _is_rejected(self, result: BusResult) -> bool:
-        return result.reply is not None and self.dialect.rejection(result.reply) is not None
+    def _rejection(self, result: BusResult) -> Rejection | None:
+        return None if result.reply is None else self.dialect.rejection(result.reply)
 
     def effect(self, request: Any) -> Effect:
         """Return the effect of a request on the motor, by its bytes."""

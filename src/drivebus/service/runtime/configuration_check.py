@@ -127,7 +127,7 @@ def address_notes(running: PlantConfig, new: PlantConfig) -> list[Json]:
     for before in running.gateways:
         after = wanted.get(before.id)
         address = after.address if after else None
-        if not before.enabled or before.address == address:
+        if not before.enabled or (after is not None and before.address == address):
             continue
         key = "plant.gateway_moves" if address else "plant.gateway_moves_anywhere" if after else "plant.gateway_ends"
         notes.append(localized(key, {"gateway": before.id, "address": address}))
