@@ -34,6 +34,6 @@ def test_a_missing_check_is_found(check: str, monkeypatch: pytest.MonkeyPatch) -
     owner, name, replacement = MISSING_CHECKS[check]
     monkeypatch.setattr(owner, name, replacement)
     campaign_run = run_campaign(
-        load_campaign("unauthorized"), CampaignRun(campaign="unauthorized", seed=3, budget=6000)
+        load_campaign("unauthorized"), CampaignRun(campaign="unauthorized", seed=1, budget=4000)
     )
     assert campaign_run.violation_count > 0

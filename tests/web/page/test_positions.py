@@ -84,7 +84,7 @@ def test_reset_its_reason_and_the_incident_stand_in_the_red_box_at_every_width(
     """Regression: below 1,100 px the incident and why a reset is refused were only behind the details."""
     trip(stage, "pump-2")
     visit("#/drive/pump-2").click("[data-do=take]")
-    page = visit("#/drive/pump-2", language=language)
+    page = visit("#/drive/pump-2", language=language, role="operator")
     why = i18n.text("page.not_controlled_other", language)
     box = page.locator(".active-fault")
     box.locator(".small", has_text=why).wait_for()
