@@ -130,9 +130,9 @@ export function ControlPanel({ view }) {
     ${why && !hasControl(view) && html`<p class="hint">${why}</p>`}<${StartBlockers} view=${view} />
     <${LastStop} view=${view} />
     ${may("operate") && html`<${Motion} view=${view} disabled=${disabled} />`}
-    ${may("operate") && html`<${Holds} view=${view} disabled=${disabled} />`}
     ${may("operate") && view.start_inhibited && html`<${SingleAction} path=${drivePath(view.id, "/start-inhibit/release")} name="release"
       note=${t("page.release_note")} text=${t("page.release")} disabled=${disabled} />`}
     ${may("operate") && canJog && html`<details><summary>${t("page.jog")}</summary><${JogPanel} view=${view}
-      disabled=${disabled || view.start_blockers.length > 0} /></details>`}</section>`;
+      disabled=${disabled || view.start_blockers.length > 0} /></details>`}
+    ${may("operate") && html`<${Holds} view=${view} disabled=${disabled} />`}</section>`;
 }
