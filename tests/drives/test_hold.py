@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from drivebus import profiles
-from drivebus.drives import create_dialect
+from drivebus.drives import Drive, create_dialect
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.operations.hold import hold_ramp, pause
 from drivebus.drives.operations.start import run
 from drivebus.drives.operations.stop import stop
-from drivebus.drives.outcome import OutcomeStatus
+from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import Direction, DriveState
 from drivebus.errors import CapabilityError, LimitError, OutcomeUnknown, StartInhibited, StopUnconfirmed, Superseded
 from drivebus.protocols import modbus
@@ -27,6 +29,17 @@ COMMANDS, STATUS = 0x2000, 0x3000
 async def output_hz(drive: Any) -> float:
     """Read the output frequency."""
     return float((await drive.status(["output_frequency"])).readings["output_frequency"].value)
+
+
+@asynccontextmanager
+async def held_ramp(seconds: float) -> AsyncIterator[tuple[Drive, Any, asyncio.Task[Outcome]]]:
+    """Provide a drive at 20 Hz with its station and a ramp hold of ``seconds``, of which one has passed."""
+    async with SimulatedDrives("vc660") as bench:
+        drive = bench.drive()
+        await drive.run(20.0, wait=True)
+        holding = asyncio.create_task(drive.hold_ramp(seconds))
+        await asyncio.sleep(1.0)
+        yield drive, bench.station(), holding
 
 
 def words_of(outcome: Any) -> list[int]:
@@ -202,42 +215,30 @@ def test_a_ramp_hold_keeps_the_frequency_and_ends_by_itself() -> None:
 
 def test_a_stop_during_a_ramp_hold_stops_and_supersedes_it() -> None:
     async def played() -> None:
-        async with SimulatedDrives("vc660") as bench:
-            drive = bench.drive()
-            await drive.run(20.0, wait=True)
-            holding = asyncio.create_task(drive.hold_ramp(10.0))
-            await asyncio.sleep(1.0)
+        async with held_ramp(10.0) as (drive, station, holding):
             assert (await drive.stop()).status is OutcomeStatus.CONFIRMED
             with pytest.raises(Superseded):
                 await holding
-            assert not bench.station().motor.energised
+            assert not station.motor.energised
 
     run_virtual(played())
 
 
 def test_a_cancelled_ramp_hold_stops_the_drive() -> None:
     async def played() -> None:
-        async with SimulatedDrives("vc660") as bench:
-            drive = bench.drive()
-            await drive.run(20.0, wait=True)
-            holding = asyncio.create_task(drive.hold_ramp(10.0))
-            await asyncio.sleep(1.0)
+        async with held_ramp(10.0) as (drive, station, holding):
             holding.cancel()
             with pytest.raises(asyncio.CancelledError):
                 await holding
             await asyncio.sleep(30.0)
-            assert not bench.station().motor.energised and not drive.stop_pending
+            assert not station.motor.energised and not drive.stop_pending
 
     run_virtual(played())
 
 
 def test_a_ramp_hold_whose_end_is_not_acknowledged_is_ended_by_a_stop() -> None:
     async def played() -> None:
-        async with SimulatedDrives("vc660") as bench:
-            drive, station = bench.drive(), bench.station()
-            await drive.run(20.0, wait=True)
-            holding = asyncio.create_task(drive.hold_ramp(2.0))
-            await asyncio.sleep(1.0)
+        async with held_ramp(2.0) as (_, station, holding):
             handled = station.handle_request
 
             def loses_levels(message: Any, codec: Any) -> Any:
