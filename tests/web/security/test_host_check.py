@@ -96,18 +96,25 @@ def test_a_page_without_the_tls_of_its_proxy_is_foreign(scheme: str, origin: str
 
 
 @pytest.mark.parametrize(
-    ("host", "scheme", "uses_tls"),
+    ("host", "origin", "scheme", "uses_tls"),
     [
-        ("127.0.0.1", "https", True),
-        ("127.0.0.1", "wss", True),
-        ("Plant.Example", "http", True),
-        ("plant.example:8080", "http", False),
-        ("other.example:8080", "ws", False),
-        ((), "http", False),
+        ("127.0.0.1", (), "https", True),
+        ("127.0.0.1", (), "wss", True),
+        ("Plant.Example", (), "http", True),
+        ("plant.example:8080", (), "http", False),
+        ("other.example:8080", (), "ws", False),
+        ((), (), "http", False),
+        ("127.0.0.1:8080", "https://Plant.example", "http", True),
+        ("127.0.0.1:8080", "http://other.example:8080", "http", False),
+        ("127.0.0.1:8080", "https://foreign.example", "http", False),
+        ("127.0.0.1:8080", "http://plant.example/https://", "http", False),
     ],
 )
-def test_tls_is_known_by_the_scheme_and_by_the_origin_of_a_proxy(host: str, scheme: str, uses_tls: bool) -> None:
-    assert HostCheck(WEB).uses_tls(headers(host=host), scheme) is uses_tls
+def test_tls_is_known_by_the_scheme_and_by_the_configured_origin_of_a_proxy(
+    host: str, origin: str, scheme: str, uses_tls: bool
+) -> None:
+    """The proxy may leave the name of its Host, or replace it by this service's own."""
+    assert HostCheck(WEB).uses_tls(headers(host=host, origin=origin), scheme) is uses_tls
 
 
 @pytest.mark.parametrize(

@@ -175,6 +175,31 @@ def test_the_origin_of_a_reverse_proxy_is_accepted_where_it_is_configured(tmp_pa
     run(scenario())
 
 
+@pytest.mark.parametrize(
+    ("host", "origin"),
+    [("plant.example", None), ("plant.example", "https://plant.example"), ("127.0.0.1:8080", "https://plant.example")],
+    ids=["request without Origin", "proxy that leaves the Host", "proxy that replaces the Host"],
+)
+def test_the_cookie_that_a_login_behind_a_proxy_sets_is_the_one_that_is_read(
+    host: str, origin: str | None, tmp_path: Path
+) -> None:
+    """A cookie without the prefix, set over TLS, would be no session in the next request."""
+    harness = WebAppHarness(tmp_path, web=WebConfig(origins=("https://plant.example",)))
+
+    async def scenario() -> None:
+        client = harness.client(host=host)
+        headers = {} if origin is None else {"origin": origin}
+        body = {"name": "operator", "password": "correct horse battery"}
+        answer = await client.post("/api/v1/login", json=body, headers=headers)
+        cookies = answer.headers.get_list("set-cookie")
+        assert len(cookies) == 2
+        assert all(cookie.startswith("__Host-drivebus") and "; Secure" in cookie for cookie in cookies)
+        headers |= {"x-drivebus-csrf": answer.json()["csrf"], "cookie": cookies[0].partition(";")[0]}
+        assert (await client.post("/api/v1/stop", headers=headers)).status_code == 200
+
+    run(scenario())
+
+
 async def cookie_of(harness: WebAppHarness, role: str = "operator") -> tuple[Any, dict[str, str]]:
     client = await harness.log_in(role)
     headers = {"host": "127.0.0.1:8080", "cookie": "drivebus_session=" + client.cookies["drivebus_session"]}

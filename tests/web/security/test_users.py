@@ -8,15 +8,12 @@ from typing import Any
 
 import pytest
 from httpx import AsyncClient
-from starlette.requests import Request
-from starlette.responses import JSONResponse
 
 from drivebus.service.api.operations import Audit, Operation
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S, SESSION_LIFETIME_S
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
 from drivebus.web.operations import WEB_OPERATIONS
-from drivebus.web.routes.session import with_session_cookie
 from drivebus.web.service_health import HEALTH_INTERVAL_S
 from fixtures.web_app import PASSWORD, WebAppHarness
 
@@ -451,23 +448,3 @@ def test_a_logout_deletes_the_cookies(path: str, tmp_path: Path) -> None:
             assert ("Secure" in line) is secure
 
     run(scenario())
-
-
-@pytest.mark.parametrize(
-    ("scheme", "origin", "secure"),
-    [
-        ("http", None, False),
-        ("https", None, True),
-        ("http", "https://plant.example", True),
-        ("http", "http://plant.example", False),
-        ("http", "http://plant.example/https://", False),
-    ],
-)
-def test_over_tls_the_cookie_has_the_host_prefix_behind_a_reverse_proxy_too(
-    scheme: str, origin: str | None, secure: bool
-) -> None:
-    headers = [] if origin is None else [(b"origin", origin.encode())]
-    scope = {"type": "http", "scheme": scheme, "path": "/", "headers": headers, "server": ("plant.example", 80)}
-    line = with_session_cookie(Request(scope | {"query_string": b""}), JSONResponse({}), "secret").headers["set-cookie"]
-    assert line.startswith("__Host-drivebus=secret" if secure else "drivebus_session=secret")
-    assert ("Secure" in line.split("; ")) is secure

@@ -31,7 +31,7 @@ WEBSOCKET_CLOSE_BASE = 4000  # a rejected WebSocket closes with this plus the HT
 
 
 class AuthMiddleware:
-    """ASGI middleware: forward a permitted request with ``state.credential`` and ``state.body``, deny the others."""
+    """ASGI middleware: forward a permitted request with what it has checked in ``state``, deny the others."""
 
     def __init__(
         self,
@@ -59,6 +59,7 @@ class AuthMiddleware:
         self.proxies.resolve(scope, headers)
         try:
             self._check_origin(scope, headers)
+            state["uses_tls"] = self.hosts.uses_tls(headers, scope["scheme"])
             route = self._match(scope)
             if route.yields:
                 await yield_to_loop()
@@ -97,7 +98,7 @@ class AuthMiddleware:
         """Return the valid credential, if any. Raises AccessDenied for a cookie without its CSRF token."""
         if "authorization" in headers:
             return self._credential_from_token(headers, scope)
-        found = self._credential_from_cookie(headers, self.hosts.uses_tls(headers, scope["scheme"]))
+        found = self._credential_from_cookie(headers, scope["state"]["uses_tls"])
         if found is not None and route.access is not AccessLevel.PUBLIC:
             self._check_csrf(route, headers, found)
         return found

@@ -27,7 +27,8 @@ class HostCheck:
         self._origins = {origin.rstrip("/").lower() for origin in web.origins}
         proxies = {urlsplit(origin).hostname or "" for origin in self._origins}
         self._authorities = {urlsplit(origin).netloc for origin in self._origins}
-        self._tls_authorities = {urlsplit(origin).netloc for origin in self._origins if origin.startswith("https://")}
+        self._tls_origins = {origin for origin in self._origins if origin.startswith("https://")}
+        self._tls_authorities = {urlsplit(origin).netloc for origin in self._tls_origins}
         self._names = _LOCAL_NAMES | {web.host.lower(), socket.gethostname().lower()} | proxies
 
     def is_known_host(self, headers: Headers) -> bool:
@@ -51,8 +52,15 @@ class HostCheck:
         return origin in self._origins or (origin == f"{http_scheme}://{host}" and host not in self._authorities)
 
     def uses_tls(self, headers: Headers, scheme: str) -> bool:
-        """Return whether the browser uses TLS: to this service, or to a reverse proxy whose origin is configured."""
-        return scheme in ("https", "wss") or headers.get("host", "").lower() in self._tls_authorities
+        """Return whether the browser uses TLS: to this service, or to a reverse proxy whose origin is configured.
+
+        Not every request has an Origin, and not every proxy passes the Host on.
+        """
+        return (
+            scheme in ("https", "wss")
+            or headers.get("host", "").lower() in self._tls_authorities
+            or headers.get("origin", "").lower() in self._tls_origins
+        )
 
 
 def _is_address(name: str) -> bool:

@@ -111,7 +111,7 @@ async def change_password(request: Request, params: PasswordParams) -> JSONRespo
     opened = await context.record_change(PASSWORD, credential.session.user, {}, credential.actor, changing)
     session = SessionCredential(opened.session, context.auth.context)
     response = JSONResponse(_session_json(context, session))
-    return with_session_cookie(request, response, opened.secret)
+    return _with_session_cookie(request, response, opened.secret)
 
 
 @handles(SESSIONS_LIST)
@@ -193,13 +193,13 @@ async def _complete_login(
         await auth.save_sessions()
     credential = SessionCredential(opened.session, auth.context)
     await try_record(context.client, audit_entry(operation.name, opened.session.user, outcome="done"), credential.actor)
-    response = with_session_cookie(request, JSONResponse(_session_json(context, credential)), opened.secret)
+    response = _with_session_cookie(request, JSONResponse(_session_json(context, credential)), opened.secret)
     return _with_device_cookie(request, response, opened.session.user)
 
 
-def with_session_cookie(request: Request, response: JSONResponse, secret: str) -> JSONResponse:
+def _with_session_cookie(request: Request, response: JSONResponse, secret: str) -> JSONResponse:
     """Set the session cookie; over TLS with the prefix ``__Host-``."""
-    _set_cookie(request, response, COOKIE_NAMES[0 if _is_secure(request) else 1], secret, int(SESSION_LIFETIME_S))
+    _set_cookie(request, response, COOKIE_NAMES[0 if request.state.uses_tls else 1], secret, int(SESSION_LIFETIME_S))
     return response
 
 
@@ -215,17 +215,12 @@ def _device_cookie(request: Request, user: str) -> str:
 
 
 def _device_cookie_name(request: Request, user: str) -> str:
-    return ("__Host-" if _is_secure(request) else "") + device_cookie_name(user)
+    return ("__Host-" if request.state.uses_tls else "") + device_cookie_name(user)
 
 
 def _set_cookie(request: Request, response: JSONResponse, name: str, value: str, lifetime_s: int) -> None:
-    options: Any = {"path": "/", "httponly": True, "samesite": "strict", "secure": _is_secure(request)}
+    options: Any = {"path": "/", "httponly": True, "samesite": "strict", "secure": request.state.uses_tls}
     response.set_cookie(name, value, max_age=lifetime_s, **options)
-
-
-def _is_secure(request: Request) -> bool:
-    """Return whether the browser uses TLS: to this service, or to a reverse proxy, as the Origin shows."""
-    return request.url.scheme == "https" or request.headers.get("origin", "").startswith("https://")
 
 
 def _without_session_cookies(response: JSONResponse) -> JSONResponse:
