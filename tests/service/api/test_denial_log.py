@@ -134,7 +134,7 @@ def test_the_end_of_the_process_records_the_count_and_leaves_no_task(waited_s: f
     run(scenario())
 
 
-def test_a_denial_while_the_last_counts_are_written_is_counted_and_leaves_no_task() -> None:
+def test_a_denial_while_the_last_counts_are_written_is_recorded_at_once_and_leaves_no_task() -> None:
     """Regression: it made a new task, which waited 30 s for a process that ended."""
     plant = FailingService(1.0)
 
@@ -143,19 +143,40 @@ def test_a_denial_while_the_last_counts_are_written_is_counted_and_leaves_no_tas
         for _ in range(3):
             await denials.record_denial("POST", "/stop", "k", EVE)
         closing = asyncio.create_task(denials.close())
-        for target in ("/run", "/jog"):  # while the first, then the second of the last counts are written
-            await asyncio.sleep(0.5)
-            for _ in range(3):
-                await denials.count_denial("POST", target, "k", EVE)
-            await asyncio.sleep(0.5)
+        await asyncio.sleep(0.5)
+        for _ in range(2):
+            assert await denials.count_denial("POST", "/stop", "k", EVE), "the caller records it"
         await closing
-        assert [(target, times) for target, _, times, _ in recorded_denials(plant)] == [
-            ("POST /stop", 1),
-            ("POST /stop", 2),
-            ("POST /run", 2),
-            ("POST /jog", 2),
-        ]
+        assert await denials.count_denial("POST", "/stop", "k", EVE), "nor is a later one counted"
+        assert recorded_denials(plant) == [("POST /stop", "eve@10.0.0.9", times, "k") for times in (1, 2)]
         assert not [task for task in asyncio.all_tasks() if task.get_name() == "denial log"]
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("counted_s", [0.0, SUMMARY_PERIOD_S + 0.5], ids=["counted", "being written"])
+def test_the_end_of_the_process_does_not_wait_for_denials_that_keep_coming(counted_s: float) -> None:
+    """Regression: each count that was written while the next was made prolonged the end. None of them is lost."""
+    plant = FailingService(1.0)
+
+    async def scenario() -> None:
+        denials, sent = denial_log(plant), 0
+
+        async def deny_again_and_again() -> None:
+            nonlocal sent
+            async with asyncio.TaskGroup() as group:
+                for target in ("/run", "/jog") * 100:
+                    sent += 1
+                    group.create_task(denials.record_denial("POST", target, "k", EVE))
+                    await asyncio.sleep(0.3)
+
+        denying = asyncio.create_task(deny_again_and_again())
+        await asyncio.sleep(1.0 + counted_s)
+        async with asyncio.timeout(3.0):
+            await denials.close()
+        assert not denying.done()
+        await denying
+        assert sum(times for _, _, times, _ in recorded_denials(plant)) == sent == 200
 
     run(scenario())
 

@@ -68,16 +68,21 @@ class DenialLog:
             await try_record(self.client, _denial_entry(_denial_kind(method, target, reason, actor), 1), actor)
 
     async def count_denial(self, method: str, target: str, reason: str, actor: Actor) -> bool:
-        """Count a denial; return whether it is the first of its kind in this period, which the caller records."""
+        """Count a denial; return whether it is the first of its kind in this period, which the caller records.
+
+        At the end of the process there is no later count, so that the caller records each of them.
+        """
         if self.clock() - self._period_start >= SUMMARY_PERIOD_S:
             await self.flush()
             self._period_start = self.clock()
+        if self._closing.is_set():
+            return True
         kind = _denial_kind(method, target, reason, actor)
         if kind not in self._counts and len(self._counts) >= MAX_KINDS_PER_PERIOD:
             kind = OTHER_KINDS
         if kind in self._counts or kind is OTHER_KINDS:
             self._counts[kind] = self._counts.get(kind, 0) + 1
-            if not self._closing.is_set() and (self._flush_task is None or self._flush_task.done()):
+            if self._flush_task is None or self._flush_task.done():
                 self._flush_task = asyncio.get_running_loop().create_task(self._flush_later(), name="denial log")
             return False
         self._counts[kind] = 0
@@ -89,12 +94,11 @@ class DenialLog:
         await self.flush()
 
     async def close(self) -> None:
-        """Record the number of repetitions now, at the end of the process, also of those that come meanwhile."""
+        """Record the number of repetitions now, at the end of the process, and count no later denial."""
         self._closing.set()
         if self._flush_task is not None:
             await self._flush_task
-        while any(self._counts.values()):
-            await self.flush()
+        await self.flush()
 
     async def flush(self) -> None:
         """Record the number of repetitions."""
