@@ -23,13 +23,8 @@ from drivebus.service.auth.passwords import PasswordHashing
 from drivebus.service.auth.rights import Role
 from drivebus.service.auth.sessions import Session, SessionStore, SessionTable, secret_digest
 from drivebus.service.auth.throttle import AttemptKeys, LoginThrottle, address_key, unknown_browser_keys
-from drivebus.service.auth.users import (
-    USER_FILE,
-    OneTimeCode,
-    User,
-    UserDatabase,
-    UserFile,
-)
+from drivebus.service.auth.users import OneTimeCode, User, UserDatabase, UserFile
+from drivebus.service.config.model import USER_FILE
 
 SETUP_SECRET_FILE = "setup-secret"
 
@@ -81,7 +76,7 @@ class LoginResult:
 
 
 class AuthService:
-    """Users, sessions and tokens of one plant. ``file`` None: ``users.json`` in ``directory``."""
+    """Users, sessions and tokens of one plant. ``file`` None: ``USER_FILE`` in ``directory``."""
 
     def __init__(
         self,

@@ -160,7 +160,6 @@ def _unexpired(codes: Iterable[OneTimeCode], now_ms: int) -> tuple[OneTimeCode, 
     return tuple(code for code in codes if code.expires_ms > now_ms)
 
 
-USER_FILE = "users.json"
 MAX_LOGGED_NAMES = 10
 USER_CHANGES = ("log.users_added", "log.users_removed", "log.users_edited")
 TOKEN_CHANGES = ("log.tokens_added", "log.tokens_removed", "log.tokens_edited")

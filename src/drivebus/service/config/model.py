@@ -12,6 +12,9 @@ from drivebus.drives.context import DriveLimits
 from drivebus.profiles.diagnostics import Diagnostic
 from drivebus.values import Text
 
+USER_FILE = "users.json"
+"""Name of the user file in the state directory, where the configuration gives no path of it."""
+
 
 class OnClientLost(StrEnum):
     """Policy for a drive whose control lease has ended without release."""
@@ -222,7 +225,7 @@ class PlantConfig:
     audit: AuditConfig = AuditConfig()
     gateways: tuple[GatewayConfig, ...] = ()
     users: Path | None = None
-    """User file; None: ``users.json`` in the state directory."""
+    """User file; None: ``USER_FILE`` in the state directory."""
     source: str = ""
     """File from which it was loaded."""
     warnings: tuple[Diagnostic, ...] = field(default=(), compare=False)
@@ -231,7 +234,7 @@ class PlantConfig:
     @property
     def user_file(self) -> Path:
         """Path of the user file."""
-        return self.users or self.directory / "users.json"
+        return self.users or self.directory / USER_FILE
 
     def drive(self, id: str) -> DriveConfig:
         """Return a drive. Raises KeyError."""
