@@ -235,6 +235,28 @@ def test_an_incident_names_cause_and_remedy_as_the_drive_does(
     assert (shown.count(label), shown.count(text.split(label)[-1].strip())) == (1, 1)
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_command_in_the_text_of_an_alarm_is_shown_as_code(
+    stage: Stage, visit: Any, expect: Any, language: str
+) -> None:
+    """The backticks of the catalogue were shown."""
+    kind, command = SystemAlarm.AUDIT_INCOMPLETE, "drivebus audit verify"
+    plant = stage.service.plant
+
+    async def change(raise_or_clear: Any) -> None:
+        raise_or_clear(kind, subject="audit.jsonl")
+
+    stage.do(lambda: change(plant.raise_alarm))
+    try:
+        page = visit("#/alarms", language=language)
+        row = page.locator(".alarmrow", has_text="audit.jsonl").first
+        row.locator("summary").click()
+        expect(row.locator("code")).to_have_text([command, command])
+        expect(row).not_to_contain_text("`")
+    finally:
+        stage.do(lambda: change(plant.clear_alarm))
+
+
 def test_an_alarm_is_shelved_with_a_reason_and_taken_back(stage: Stage, visit: Any, expect: Any) -> None:
     trip(stage, "pump-2")
     page = visit("#/alarms")
@@ -574,10 +596,12 @@ def test_a_plant_that_is_too_large_for_the_check_is_reloaded_after_a_check_on_it
     panel = page.locator("section.panel").last
     box, notice = panel.locator("label.check"), panel.locator(".notice.warning")
     page.click("[data-configuration=compare]")
-    expect(notice).to_contain_text(i18n.text("plant.check_too_many", language, found=5, most=4))
     file = stage.service.plant.config.source
-    expect(notice).to_contain_text(i18n.text("page.reload_unseen", language, file=file))
-    expect(box).to_have_text(i18n.text("page.reload_sure_unseen", language))
+    for key, params in (("plant.check_too_many", {"found": 5, "most": 4}), ("page.reload_unseen", {"file": file})):
+        expect(notice).to_contain_text(i18n.text(key, language, **params).replace("`", ""))
+    expect(notice.locator("code")).to_have_text(["drivebus check FILE", f"drivebus check {file}"])
+    expect(box).to_have_text(i18n.text("page.reload_sure_unseen", language).replace("`", ""))
+    expect(box.locator("code")).to_have_text("drivebus check")
     box.click()
     panel.locator(".button.main").click()
     expect(panel.locator(".notice.good")).to_contain_text(i18n.text("page.reloaded", language))

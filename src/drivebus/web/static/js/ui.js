@@ -55,6 +55,9 @@ export function Choice({ label, value, options, onChange, disabled = false }) {
       onClick=${() => onChange(name)}>${text}</button>`)}</div>`;
 }
 
+/** A text with its commands as code: in the catalogue they stand between backticks. */
+export const withCommands = (text) => text.split("`").map((part, n) => (n % 2 === 0 ? part : html`<code>${part}</code>`));
+
 /** kind: "info", "good", "warning", "bad". */
 export function Notice({ kind = "info", title, live = false, children }) {
   const icon = { warning: "warning", bad: "fault", good: "check" }[kind];
@@ -66,7 +69,7 @@ export function Notice({ kind = "info", title, live = false, children }) {
 export function ErrorNote({ error }) {
   if (!error) return null;
   if (error.outcome) return html`<${OutcomeNote} outcome=${error.outcome} />`;
-  return html`<${Notice} kind="bad" live>${error.sentence ?? String(error)}<//>`;
+  return html`<${Notice} kind="bad" live>${withCommands(error.sentence ?? String(error))}<//>`;
 }
 
 const OUTCOME_KIND = { confirmed: "good", acknowledged: "info", refused: "bad", failed: "bad", unknown: "bad" };

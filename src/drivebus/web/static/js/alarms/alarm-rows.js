@@ -8,7 +8,7 @@ import { isLive, tickingServiceNow } from "../live.js";
 import { href } from "../router.js";
 import { may } from "../session.js";
 import { bus } from "../store.js";
-import { Button, ErrorNote, useRequest } from "../ui.js";
+import { Button, ErrorNote, useRequest, withCommands } from "../ui.js";
 import { acknowledgeAll, groupAlarms, groupSubject, subjectName, subjectNames, unshelveAll } from "./alarm-groups.js";
 import { AlarmState, PriorityMark } from "./alarm-state.js";
 import { ShelveDialog } from "./shelve-dialog.js";
@@ -76,7 +76,7 @@ function AlarmRow({ alarm }) {
   return html`<li class=${rowClass(alarm.priority, acknowledged, isCleared(alarm))}>
     <${PriorityMark} priority=${alarm.priority} />
     <div class="what"><strong>${localized(alarm.title)}</strong><span><${AlarmDetails} alarm=${alarm} /></span>
-      <p>${localized(alarm.text)}</p><${AlarmRemedy} alarm=${alarm} /></div>
+      <p>${withCommands(localized(alarm.text))}</p><${AlarmRemedy} alarm=${alarm} /></div>
     <div class="when"><${AlarmState} alarm=${alarm} />
       <span>${raisedAgo(alarm)}</span><${ShelvedNote} alarm=${alarm} /></div>
     <div class="do">
@@ -99,7 +99,7 @@ const ShelvedNote = ({ alarm }) => isShelved(alarm) && html`
 /** Remedy of an alarm, closed until the user opens it. */
 export function AlarmRemedy({ alarm }) {
   const remedy = localized(alarm.remedy);
-  return remedy && html`<details class="remedy"><summary>${t("page.alarm_remedy")}</summary><p>${remedy}</p></details>`;
+  return remedy && html`<details class="remedy"><summary>${t("page.alarm_remedy")}</summary><p>${withCommands(remedy)}</p></details>`;
 }
 
 /** Kinds of alarms whose subject is a bus. */

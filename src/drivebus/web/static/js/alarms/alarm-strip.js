@@ -6,7 +6,7 @@ import { isLive } from "../live.js";
 import { href, route } from "../router.js";
 import { may } from "../session.js";
 import { drive } from "../store.js";
-import { Button, ErrorNote, useRequest } from "../ui.js";
+import { Button, ErrorNote, useRequest, withCommands } from "../ui.js";
 import { acknowledgeAll, alarmSubject, groupAlarms, groupSubject } from "./alarm-groups.js";
 import { isCleared, openAlarms, unacknowledged, uncleared } from "./alarm-list.js";
 import { PriorityMark } from "./alarm-state.js";
@@ -40,7 +40,7 @@ function StripAlarm({ equal, others }) {
   return html`<div class=${`banner alarm ${alarm.priority} ${cleared ? "cleared" : ""}`}><${PriorityMark}
     priority=${alarm.priority} />${cleared && html`<b class="state">${t("page.alarm_cleared")}</b>`}
     ${equal.length > 1 ? html`<a href=${href("alarms")}>${group} · ${groupSubject(equal)}</a>`
-      : html`<a href=${alarm.drive ? href("drive", alarm.drive) : href("alarms")}>${text}</a>`}
+      : html`<a href=${alarm.drive ? href("drive", alarm.drive) : href("alarms")}>${withCommands(text)}</a>`}
     ${others > 0 && html`<a class="more" href=${href("alarms")}>${t("page.more_alarms", { n: others })}</a>`}
     ${may("operate") && html`<${Acknowledge} key=${equal.at(-1).id} alarms=${equal} />`}</div>`;
 }

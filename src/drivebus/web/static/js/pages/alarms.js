@@ -7,7 +7,7 @@ import { isLive } from "../live.js";
 import { href, replaceQuery } from "../router.js";
 import { may } from "../session.js";
 import { loadStylesheet } from "../stylesheet.js";
-import { Button, ErrorNote, Tabs, useRequest } from "../ui.js";
+import { Button, ErrorNote, Tabs, useRequest, withCommands } from "../ui.js";
 import { acknowledgeAll } from "../alarms/alarm-groups.js";
 import { AlarmDetails, AlarmRemedy, AlarmRows } from "../alarms/alarm-rows.js";
 import { IncidentList } from "../alarms/incident-list.js";
@@ -56,7 +56,7 @@ function AlarmHistory() {
       class=${`alarmrow ${alarm.priority} acknowledged cleared`}>
       <${PriorityMark} priority=${alarm.priority} />
       <div class="what"><strong>${localized(alarm.title)}</strong><span><${AlarmDetails} alarm=${alarm} /></span>
-        <p>${localized(alarm.text)}</p><${AlarmRemedy} alarm=${alarm} /></div>
+        <p>${withCommands(localized(alarm.text))}</p><${AlarmRemedy} alarm=${alarm} /></div>
       <div class="when"><span>${t("page.raised_at", { time: moment(alarm.raised_ms) })}</span>
         <span>${alarm.cleared_ms === null ? t("page.not_cleared")
           : t("page.cleared_after", { after: duration((alarm.cleared_ms - alarm.raised_ms) / 1000) })}</span>

@@ -3,7 +3,7 @@ import { html, useEffect, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
 import { isLive } from "../live.js";
-import { Button, ErrorNote, Field, Loading, Notice, useRequest, useLoaded } from "../ui.js";
+import { Button, ErrorNote, Field, Loading, Notice, useRequest, useLoaded, withCommands } from "../ui.js";
 
 /** Result of a check, with the text that was checked. */
 const checkText = async (text) => ({ text, ...await api.post("/configuration/check", { text }, { timeout_ms: 60_000 }) });
@@ -39,7 +39,7 @@ function CheckResult({ result }) {
   }
   return html`<${Notice} kind="bad" live title=${t("page.configuration_bad", { n: diagnostics.length })}>
     <ol class="diagnostics">${diagnostics.map((one, n) => html`<li key=${n}>
-      ${one.line != null && html`<b>${t("page.line_n", { n: one.line })}</b>${" "}`}<span>${localized(one.text)}</span>
+      ${one.line != null && html`<b>${t("page.line_n", { n: one.line })}</b>${" "}`}<span>${withCommands(localized(one.text))}</span>
         </li>`)}</ol><//>`;
 }
 
@@ -70,7 +70,8 @@ async function checkFile() {
 /** What a reload would do, or that the page can't show it. */
 function Compared({ compared, file }) {
   if (!compared.tooLarge) return html`<${CheckResult} result=${compared} />`;
-  return html`<${Notice} kind="warning" live title=${compared.tooLarge.sentence}><p>${t("page.reload_unseen", { file })}</p><//>`;
+  return html`<${Notice} kind="warning" live title=${withCommands(compared.tooLarge.sentence)}>
+    <p>${withCommands(t("page.reload_unseen", { file }))}</p><//>`;
 }
 
 /** Errors of the check forbid no reload: it refuses them itself, and may read profiles that the check may not. */
@@ -94,7 +95,8 @@ function Reload({ file, onDone }) {
     <${ErrorNote} error=${compareError} />${isOutdated && html`<${Notice} kind="warning" live>${t("page.reload_outdated")}<//>`}
     ${compared && html`<${Compared} compared=${compared} file=${file} />`}
     <label class="check"><input type="checkbox" checked=${sure} disabled=${compared === null}
-      onChange=${(event) => setSure(event.target.checked)} />${t(compared?.tooLarge ? "page.reload_sure_unseen" : "page.reload_sure")}</label>
+      onChange=${(event) => setSure(event.target.checked)} /><span>${
+        withCommands(t(compared?.tooLarge ? "page.reload_sure_unseen" : "page.reload_sure"))}</span></label>
     <div class="row"><${Button} kind="main" busy=${busy} disabled=${!sure || !isLive.value}
       onClick=${send}>${t("page.reload")}<//></div>
     <${ErrorNote} error=${error} />
