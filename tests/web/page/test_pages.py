@@ -236,6 +236,25 @@ def test_an_incident_names_cause_and_remedy_as_the_drive_does(
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
+def test_an_incident_of_an_interlock_names_it_once(stage: Stage, visit: Any, expect: Any, language: str) -> None:
+    """Its title and its sentence named it one below the other."""
+    trip(stage, "fan-3")
+    names = {"interlock": "Damper open", "drive": "Flue gas fan"}
+    texts = {part: i18n.text(f"alarms.{part}.interlock_trip", language, **names) for part in ("title", "text")}
+
+    def of_interlock(route: Any) -> None:
+        answer = route.fetch()
+        found = answer.json() | texts
+        found["view"]["fault"] = None
+        route.fulfill(response=answer, json=found)
+
+    page = visit("#/alarms?tab=incidents", language=language)
+    page.route("**/api/v1/incidents/*", of_interlock)
+    page.locator(".incidents a").first.click()
+    expect(page.locator(".notice.bad").first).to_have_text(texts["text"])
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
 def test_a_command_in_the_text_of_an_alarm_is_shown_as_code(
     stage: Stage, visit: Any, expect: Any, language: str
 ) -> None:

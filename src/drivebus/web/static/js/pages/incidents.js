@@ -48,8 +48,10 @@ function IncidentDetails({ id }) {
 /** Alarm of the incident, and the drive's fault with cause and remedy. */
 function Trip({ found }) {
   const fault = found.view?.fault;
-  return html`<${Notice} kind="bad" title=${localized(found.title)}><p>${localized(found.text)}</p>
-    ${fault && !namesFault(localized(found.text), fault) && html`<p>${faultText({ ...fault, label: fault.label ?? String(fault.code) })}</p>`}
+  const [title, text] = [localized(found.title), localized(found.text)];
+  const hasTitle = text.toLowerCase().includes(title.toLowerCase()); // such as the name of an interlock
+  return html`<${Notice} kind="bad" title=${hasTitle ? text : title}>${!hasTitle && html`<p>${text}</p>`}
+    ${fault && !namesFault(text, fault) && html`<p>${faultText({ ...fault, label: fault.label ?? String(fault.code) })}</p>`}
     ${adviceOf(fault).map(([name, text]) => html`<p key=${name}><b>${name}</b>${t("page.colon")}${text}</p>`)}<//>`;
 }
 
