@@ -39,7 +39,7 @@ def test_the_view_of_a_lease_has_its_owner_and_expiry() -> None:
     lease = leases.get("a", 103.0)
     clock = UtcClock(lambda: 103.0, lambda: 1_000_000)
     assert lease is not None
-    assert lease.view(clock) == LeaseObject("ann", "session-ann", 1_000_000 + round((LEASE_TTL_S - 3.0) * 1000))
+    assert lease.view(clock) == LeaseObject("ann", "session-ann", True, 1_000_000 + round((LEASE_TTL_S - 3.0) * 1000))
 
 
 def test_only_a_lease_that_ran_out_is_returned_as_expired() -> None:

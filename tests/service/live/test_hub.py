@@ -219,7 +219,7 @@ def test_a_lease_is_published_with_its_end_and_not_again_until_it_is_renewed() -
             expires_ms = plant.clock.utc_ms(plant.now() + LEASE_TTL_S)
             await asyncio.sleep(2)
             lease = plant.hub.topics["drives/fan-1"]["lease"]
-            assert lease == {"owner": "ann", "session": ann.session, "expires_ms": expires_ms}
+            assert lease == {"owner": "ann", "session": ann.session, "remote": True, "expires_ms": expires_ms}
 
     run(scenario())
 

@@ -72,8 +72,10 @@ def shown(text: str, keys: Iterable[str], **params: Any) -> list[str]:
 
 CONTROL = ("page.lease_free", "page.lease_mine", "page.lease_other_window", "page.not_live", "page.not_online")
 ONLINE_AND_STOPPED = {"presence": "online", "state": "stopped", "fault": None}
-MINE, OTHER_WINDOW = {"owner": "me", "session": "mine"}, {"owner": "me", "session": "another"}
-OTHER_USER = {"owner": "bob", "session": "another"}
+MINE = {"owner": "me", "session": "mine", "remote": True}
+OTHER_WINDOW = MINE | {"session": "another"}
+OTHER_USER = OTHER_WINDOW | {"owner": "bob"}
+NAMESAKE = OTHER_WINDOW | {"remote": False}
 
 
 @pytest.mark.parametrize(
@@ -94,9 +96,9 @@ def test_who_controls_a_drive_and_why_only_stops_are_possible(
 
 
 def test_a_drive_that_the_user_holds_in_another_window_is_not_requested_from_the_user(draw: Draw, fan: Any) -> None:
-    """The page offered a user to ask themselves for control."""
+    """The page offered a user to ask themselves for control, but not a namesake at the command line of the machine."""
     keys = ["page.control_ask", "page.not_controlled_other", "page.not_controlled_window"]
-    for lease, expected in ((OTHER_USER, keys[:2]), (OTHER_WINDOW, keys[2:])):
+    for lease, expected in ((OTHER_USER, keys[:2]), (NAMESAKE, keys[:2]), (OTHER_WINDOW, keys[2:])):
         text = draw("drive/control", "ControlPanel", {"view": fan | {"lease": lease}})
         assert shown(text, keys) == expected
 
@@ -104,10 +106,10 @@ def test_a_drive_that_the_user_holds_in_another_window_is_not_requested_from_the
 def test_a_group_whose_drives_the_user_holds_in_another_window_is_requested_from_other_users_alone(
     draw: Draw, fan: Any
 ) -> None:
-    leases = {"fan-1": OTHER_WINDOW, "fan-2": OTHER_WINDOW, "fan-3": OTHER_USER}
+    leases = {"fan-1": OTHER_WINDOW, "fan-2": OTHER_WINDOW, "fan-3": OTHER_USER, "fan-4": NAMESAKE}
     text = draw("fleet/group-panel", "GroupPanel", {"id": "air"}, topics=group_topics(fan, leases, "lease"))
-    assert shown(text, ["page.control_ask_all"], n=1) and shown(text, ["page.group_other_window"], n=2)
-    del leases["fan-3"]
+    assert shown(text, ["page.control_ask_all"], n=2) and shown(text, ["page.group_other_window"], n=2)
+    del leases["fan-3"], leases["fan-4"]
     text = draw("fleet/group-panel", "GroupPanel", {"id": "air"}, topics=group_topics(fan, leases, "lease"))
     assert "Ask for control" not in text
 

@@ -32,7 +32,8 @@ class ControlLease:
     """False for one that was handed over and not used since: at its end it counts as released, not as lost."""
 
     def view(self, clock: UtcClock) -> LeaseObject:
-        return LeaseObject(self.actor.name, self.actor.session, clock.utc_ms(self.expires_at))
+        actor = self.actor
+        return LeaseObject(actor.name, actor.session, actor.remote, clock.utc_ms(self.expires_at))
 
 
 class ControlLeases:

@@ -132,7 +132,10 @@ class LeaseObject:
     __pydantic_config__ = OPEN_OBJECT
 
     owner: str
+    """Name of a user of the plant, or of the machine where the session is not ``remote``."""
     session: str
+    remote: bool
+    """False for the command line on the service's machine."""
     expires_ms: int
     """UTC time at which it ends unless it is renewed."""
 

@@ -13,8 +13,9 @@ export const may = (right) => (session.value?.rights ?? []).includes(right);
 /** Whether a lease, or a request for control, is of this session. */
 export const isMine = (lease) => lease !== null && lease !== undefined && lease.session === session.value?.session;
 
-/** Whether a lease is of another session of this user: another browser, a private window or another computer. */
-export const isInOtherWindow = (lease) => Boolean(lease) && !isMine(lease) && lease.owner === session.value?.user;
+/** Whether a lease is of another session of this user: another browser, a private window or another computer. The owner of
+ * a lease that is not remote is a user of the machine, who may have the same name. */
+export const isInOtherWindow = (lease) => Boolean(lease?.remote) && !isMine(lease) && lease.owner === session.value?.user;
 
 /**
  * Load the session, again where it has changed meanwhile: unlocking replaces the cookie, and an answer to the old cookie
