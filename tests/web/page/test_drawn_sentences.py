@@ -332,13 +332,13 @@ def test_only_a_request_that_may_have_an_effect_has_an_unknown_outcome_without_a
 
 def test_a_takeover_is_named_by_its_user_and_by_whether_this_page_saw_it(draw: Draw) -> None:
     keys = {
-        ("bob", 1): "page.taken",
-        ("bob", None): "page.taken_unseen",
-        ("me", 1): "page.taken_window",
-        ("me", None): "page.taken_window_unseen",
+        ("bob", "taken", 1): "page.taken",
+        ("bob", "taken", None): "page.taken_unseen",
+        ("me", "window", 1): "page.taken_window",
+        ("me", "window", None): "page.taken_window_unseen",
     }
-    for (owner, time_ms), key in keys.items():
-        takeover = {"drive": "fan-1", "owner": owner, "cause": "taken", "time_ms": time_ms}
+    for (owner, cause, time_ms), key in keys.items():
+        takeover = {"drive": "fan-1", "owner": owner, "cause": cause, "time_ms": time_ms}
         text = re.sub(r"\d\d:\d\d:\d\d", "TIME", draw("shell", "Shell", {}, takeovers=[takeover]))
         assert shown(text, keys.values(), owner=owner, name="fan-1", time="TIME") == [key]
         assert shown(draw("shell", "Shell", {}), keys.values(), owner=owner, name="fan-1", time="TIME") == []

@@ -284,6 +284,25 @@ def test_a_takeover_during_a_lost_connection_is_shown_without_a_time(page: Any) 
     assert found == [{"drive": "x", "owner": "bob", "cause": "taken", "time_ms": None}]
 
 
+def test_a_namesake_at_the_command_line_is_no_other_window_of_the_user(page: Any) -> None:
+    """The page took that takeover for one in another window of the user."""
+    found = page.evaluate("""async () => {
+      const [store, session, m] = await Promise.all(
+        ['store', 'session', 'control/takeovers'].map((one) => import(`/static/js/${one}.js`)));
+      const { user, session: own } = session.session.value;
+      const causes = [];
+      for (const remote of [true, false]) {
+        for (const of of [own, 'another']) {
+          store.applyDelta({ topics: { 'drives/x': { lease: { owner: user, session: of, remote } } } });
+          await new Promise((resolve) => { setTimeout(resolve, 100); });
+        }
+        causes.push(m.takeovers.value.at(-1).cause);
+      }
+      return causes;
+    }""")
+    assert found == ["window", "taken"]
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_a_control_lease_that_ended_without_a_release_is_announced(visit: Any, language: str) -> None:
     page = visit("#/settings", language=language)

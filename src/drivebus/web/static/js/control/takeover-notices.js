@@ -4,14 +4,13 @@ import { t } from "../i18n.js";
 import { clock } from "../format.js";
 import { Icon } from "../icons.js";
 import { href } from "../router.js";
-import { session } from "../session.js";
 import { listDrives } from "../titles.js";
 import { Button } from "../ui.js";
 import { dismiss, groupTakeovers, takeovers } from "./takeovers.js";
 
-function takeoverKey({ owner, cause, time_ms }) {
+function takeoverKey({ cause, time_ms }) {
   if (cause === "tab" || cause === "ended") return time_ms === null ? "page.control_ended_unseen" : `page.control_ended_${cause}`;
-  if (owner === session.value?.user) return time_ms === null ? "page.taken_window_unseen" : "page.taken_window";
+  if (cause === "window") return time_ms === null ? "page.taken_window_unseen" : "page.taken_window";
   return time_ms === null ? "page.taken_unseen" : "page.taken";
 }
 

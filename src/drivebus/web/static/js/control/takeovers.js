@@ -3,13 +3,13 @@
 import { effect, signal } from "../lib.js";
 import { loadPreference, savePreference } from "../preferences.js";
 import { connection } from "../live.js";
-import { isMine, session } from "../session.js";
+import { isInOtherWindow, isMine, session } from "../session.js";
 import { drive, idsOf, serviceNow } from "../store.js";
 
 /** Takeovers kept; the oldest are dropped first. */
 const MAX_TAKEOVERS = 500;
-/** `{drive, owner, cause, time_ms}`, the newest last: `cause` is "taken" (by `owner`), "tab" or "ended"; the time is null
- * where the page had no connection meanwhile. */
+/** `{drive, owner, cause, time_ms}`, the newest last: `cause` is "taken" (by `owner`), "window" (by this
+ * user in another one), "tab" or "ended"; the time is null where the page had no connection meanwhile. */
 export const takeovers = signal([]);
 /** Drive → the session that held it when it was last seen. */
 const holder = new Map();
@@ -65,7 +65,11 @@ function onOtherTab({ data: { session: of, drive: id, isReleased } }) {
   else otherTabReleases.delete(id);
 }
 
-const causeOf = (id, lease) => (otherTabReleases.has(id) ? "tab" : lease ? "taken" : "ended");
+function causeOf(id, lease) {
+  if (otherTabReleases.has(id)) return "tab";
+  if (isInOtherWindow(lease)) return "window";
+  return lease ? "taken" : "ended";
+}
 
 function checkLeases(id, lease) {
   if (isMine(lease)) holder.set(id, ownSession());
