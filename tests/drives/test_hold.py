@@ -387,6 +387,31 @@ def test_a_pause_shows_in_a_status_that_is_a_number() -> None:
     assert dialect.effect(dialect.codec.encode_request(levels)) is Effect.MOTION
 
 
+@pytest.mark.parametrize("operation", [pause, lambda op: hold_ramp(op, 1.0)], ids=["pause", "ramp hold"])
+def test_a_motor_that_another_program_has_reversed_is_not_turned_back_by_a_hold(operation: Any) -> None:
+    """Its direction was read before, when it was forward."""
+    station = FakeModbus(registers={STATUS: 0x0001, 0x0001: 4})
+    bus = PureBus(dialect=dialect_for("vc660"), station=station)
+    bus.run(operation_for(bus.dialect).read_verified_state())
+    station.registers[STATUS] = 0xC009
+    bus.run(operation(operation_for(bus.dialect)))
+    words = [one.value for one in bus.sent(modbus.WriteRegister, register=COMMANDS)]
+    assert words and all(word & 0x0004 for word in words)
+
+
+def test_a_motor_that_another_program_reverses_during_a_ramp_hold_is_not_turned_back_by_its_end() -> None:
+    station = FakeModbus(registers={STATUS: 0x0009, 0x0001: 4})
+    bus = PureBus(dialect=dialect_for("vc660"), station=station)
+
+    def reverses(ask: Any) -> None:
+        if isinstance(ask.request, modbus.WriteRegister):
+            station.registers[STATUS] = 0xC009
+
+    bus.on_request = reverses
+    bus.run(hold_ramp(operation_for(bus.dialect), 1.0))
+    assert [one.value for one in bus.sent(modbus.WriteRegister)] == [0x0100, 0x0004]
+
+
 def test_a_start_during_a_slow_ramp_to_the_pause_is_no_overspeed() -> None:
     async def played() -> None:
         async with SimulatedDrives("vc660") as bench:

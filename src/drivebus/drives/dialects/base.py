@@ -251,6 +251,10 @@ class Dialect(ABC):
         """Return the frames of a fault reset. Raises CapabilityError for a drive without one."""
         raise CapabilityError("drives.cannot", model=self.profile.model, what="reset_fault")
 
+    def adopt_direction(self, readings: ReadingPairs) -> None:
+        """Adopt the set direction of a verified state for the next hold: another program may have changed it."""
+        return
+
     def hold(self, hold: Hold) -> CommandFrame:
         """Return the frame that begins a hold. Raises CapabilityError for a drive without it."""
         raise CapabilityError("drives.cannot", model=self.profile.model, what=hold.value)

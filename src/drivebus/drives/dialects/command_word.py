@@ -89,12 +89,17 @@ class CommandBits:
 
     def learn_levels(self, reverse: bool, paused: bool) -> None:
         """Adopt the set direction that the drive reports, unless a word was sent, and any pause."""
-        if self._rewrites_levels and self.levels is None:
-            self.levels = self.map.bits["reverse"].value if reverse and "reverse" in self.map.bits else 0
+        if self.levels is None:
+            self.adopt_direction(reverse)
         if self._holds is None:
             self._holds = frozenset()
         if paused and Hold.PAUSE in self.map.bits:
             self._holds |= {Hold.PAUSE}
+
+    def adopt_direction(self, reverse: bool) -> None:
+        """Adopt the set direction of a verified state, also where another one was sent."""
+        if self._rewrites_levels:
+            self.levels = self.map.bits["reverse"].value if reverse and "reverse" in self.map.bits else 0
 
     def start(self, direction: Direction | None) -> tuple[int, ...]:
         """Return the words of a start. Raises CapabilityError for a direction that the map lacks."""
@@ -177,6 +182,9 @@ class CommandValues:
         """Nothing is held from one word to the next."""
 
     def learn_levels(self, reverse: bool, paused: bool) -> None:
+        """Each start names its direction."""
+
+    def adopt_direction(self, reverse: bool) -> None:
         """Each start names its direction."""
 
     def start(self, direction: Direction | None) -> tuple[int, ...]:

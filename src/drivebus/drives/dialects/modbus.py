@@ -398,6 +398,12 @@ class ModbusDialect(Dialect):
             return (CommandFrame(request, RetryPolicy.EDGE_TRIGGERED),)
         return self._command_frames(self._require_command_word().reset(self.profile.model))
 
+    def adopt_direction(self, readings: ReadingPairs) -> None:
+        bit = self.status_map.bits.get("set_reverse", 0) if self.status_map is not None else 0
+        words = readings.raw_pair("state")
+        if bit and words is not None and words[0] & bit == words[1] & bit:
+            self._require_command_word().adopt_direction(bool(words[1] & bit))
+
     def hold(self, hold: Hold) -> CommandFrame:
         word = self._require_command_word().hold(hold, self.profile.model)
         return CommandFrame(self._writes.command(word), RetryPolicy.EDGE_TRIGGERED)

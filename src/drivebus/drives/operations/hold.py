@@ -32,6 +32,7 @@ def pause(op: OperationContext) -> DriveOperation[Outcome]:
         return op.outcome(OutcomeStatus.CONFIRMED, "drives.paused")
     _check_runs(op, CommandKind.PAUSE)
     command = op.create_command(CommandKind.PAUSE, (yield from op.check_deadline()))
+    op.dialect.adopt_direction(op.reading_pairs)
     result = yield from op.send_command(command, op.dialect.hold(Hold.PAUSE))
     refused = op.rejected_outcome(result)
     if refused is not None:
@@ -85,6 +86,7 @@ def hold_ramp(op: OperationContext, seconds: float) -> DriveOperation[Outcome]:
         raise state_inhibit(op.derived, CommandKind.RAMP_HOLD)
     op.check_frequency(abs(output_hz))
     command = op.create_command(CommandKind.RAMP_HOLD, (yield from op.check_deadline()))
+    op.dialect.adopt_direction(op.reading_pairs)
     result = yield from op.send_command(command, op.dialect.hold(Hold.RAMP))
     refused = op.rejected_outcome(result)
     if refused is not None:
@@ -113,6 +115,7 @@ def _end_ramp_hold(op: OperationContext, output_hz: float, answered: bool) -> Dr
     """End the hold, by a stop where the drive does not acknowledge that. ``answered``: it has acknowledged the hold."""
     op.age = CommandAge(requested_at=None, checks_started_at=None)  # the end was requested for now
     command = op.create_command(CommandKind.RAMP_HOLD, (yield from get_bus_conditions()))
+    op.dialect.adopt_direction(op.reading_pairs)
     try:
         result = yield from op.send_command(command, op.dialect.end_hold())
         if result.error is None and op.rejected_outcome(result) is None:
