@@ -75,7 +75,7 @@ def ci_explorations() -> list[Exploration]:
         )
     ]
     less = SearchDomain(rare=False, small=True, without=EVENTS_NOT_IN_CI | {"lose", "latch"})
-    others = (("dzb100", CommandKind.SETPOINT), ("vc660", CommandKind.JOG), ("df800", CommandKind.START))
+    others = (("dzb100", CommandKind.SETPOINT), ("vc660", CommandKind.START), ("df800", CommandKind.START))
     return parts + [Exploration(model, kind, COARSE_GRID, less) for model, kind in others]
 
 

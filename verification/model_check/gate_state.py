@@ -355,8 +355,10 @@ class GateState:
             operation = self.subject.op.transact(
                 frame.request, RequestPriority.COMMAND, frame.retry_policy, held.permit
             )
+            word = self.subject.command_word
             step: Any = next(operation)
-            operation.close()
+            operation.close()  # a cancelled operation takes its word for sent; here the bus sends it later
+            self.subject.command_word = word
             bus_request = step
         self.permits[slot] = held.record
         self._submit_request(bus_request, slot)
