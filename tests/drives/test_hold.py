@@ -114,6 +114,27 @@ def test_only_a_running_motor_is_paused_or_held(status: int) -> None:
         assert not bus.effects()
 
 
+def test_a_motor_in_reverse_is_not_turned_by_what_follows_a_rejected_stop() -> None:
+    """A program that has just begun knows neither its direction nor a ramp hold that a killed one has left."""
+
+    class RejectsStops(FakeModbus):
+        rejected = 0
+
+        def __call__(self, request: Any) -> Any:
+            if isinstance(request, modbus.WriteRegister) and request.value & 0x0002:
+                self.rejected += 1
+                if self.rejected <= 3:
+                    return modbus.ExceptionReply(1, 6, 6)
+                self.registers[STATUS] = 0x4001
+            return super().__call__(request)
+
+    station = RejectsStops(registers={STATUS: 0xC009})
+    bus = PureBus(dialect=dialect_for("vc660"), station=station)
+    outcome = bus.run(stop(operation_for(bus.dialect)))
+    words = [one.value for one in bus.sent(modbus.WriteRegister)]
+    assert outcome.status is OutcomeStatus.CONFIRMED and all(word & 0x0002 for word in words[:4])
+
+
 def test_a_pause_that_the_drive_does_not_execute_is_not_called_one() -> None:
     bus = PureBus(dialect=dialect_for("vc660"), station=FakeModbus(registers={STATUS: 0x0009}))
     outcome = bus.run(pause(operation_for(bus.dialect)))

@@ -115,8 +115,8 @@ def test_i6_a_frame_sent_too_soon_after_a_failed_write_is_found(monkeypatch: pyt
         found, VC660, "clean"
     ).run_with_failure()  # a stop is the only frame that goes at once after an opening
     frames = [line for line in TRACE_LINES if " > " in line]
-    stop = next(place for place, line in enumerate(frames) if " stop " in line)
-    for nth in [nth for nth, call in enumerate(row, 1) if call == "write"][stop - 3 : stop + 2]:
+    stop = max(place for place, line in enumerate(frames) if " stop " in line)
+    for nth in [nth for nth, call in enumerate(row, 1) if call == "write"][stop - 3 : stop + 12]:
         PortFailureScenario(found, VC660, "late").run_with_failure(nth, "EIO", True)
     assert reported("I6")
 

@@ -18,7 +18,6 @@ from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import STATE_NOT_READ, DriveState
 from drivebus.errors import DrivebusError, PortLost
 from drivebus.profiles.diagnostics import bilingual_text
-from drivebus.protocols.codec import Effect
 from drivebus.values import Text
 
 STOP_PROGRESS_TIMEOUT_S = 2.0  # a stop without progress for this long is reported as unconfirmed
@@ -113,12 +112,13 @@ def send_stop(op: OperationContext, mode: StopMode) -> DriveOperation[bool]:
 def _send_stop_frames(op: OperationContext, mode: StopMode) -> DriveOperation[bool]:
     """Send the frames of one stop. Return whether the drive accepted the first, which stops.
 
-    One after it that may end a pause is not sent until the drive has accepted a stop.
+    No other is sent until the drive has accepted that: the levels alone let a paused or held motor run again, and turn
+    one that another program has reversed.
     """
     answered = False
     for place, request in enumerate(op.dialect.stop(mode)):
-        if place and op.effect(request) is Effect.MOTION:
-            continue
+        if place and not answered:
+            break
         result: BusResult = yield from op.transact(
             request, RequestPriority.COMMAND if place else RequestPriority.STOP, RetryPolicy.IDEMPOTENT
         )
