@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
+
+import pytest
 
 from drivebus import i18n
 from fixtures.browser import Stage
@@ -38,3 +41,27 @@ def test_a_model_without_pause_and_ramp_hold_shows_neither(visit: Any) -> None:
     page = visit("#/drive/fan-1")
     page.locator(".control [data-do=stop]").wait_for()
     assert page.locator("[data-do=pause], [data-do=hold_ramp]").count() == 0
+
+
+def test_a_leader_of_a_running_drive_offers_neither(stage: Stage, visit: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The service refuses both, because the follower would run on; the page showed that after a click."""
+    plant = stage.service.plant
+    groups = tuple(replace(one, leader="pump-1") if one.id == "water" else one for one in plant.config.groups)
+    monkeypatch.setattr(plant, "config", replace(plant.config, groups=groups))
+    for drive in ("pump-1", "pump-2"):
+        stage.call("waiver.grant", drive=drive, reason="watched bench")
+    page = visit("#/drive/pump-2")
+    page.click("[data-do=take]")
+    start(page)
+    stage.wait(lambda: stage.view("pump-2")["state"] == "running", "the follower does not run")
+    page.goto(f"{stage.at}/#/drive/pump-1")
+    page.click("[data-do=take]")
+    page.locator(".lease.own").wait_for()
+    page.click(SUMMARY)
+    start(page)
+    page.locator(".drivestate .state", has_text=i18n.text("drives.state_running", "en")).wait_for()
+    refused = i18n.text("plant.leader_holds", "en", drive="Circulation pump", follower="Feed pump")
+    page.locator(".control details .notice", has_text=refused).wait_for()
+    assert page.locator("[data-do=pause]:disabled, [data-do=hold_ramp]:disabled").count() == 2
+    stage.call("drive.stop", drive="pump-2")
+    page.locator("[data-do=pause]:enabled").wait_for()

@@ -35,8 +35,8 @@ function StationNode({ station }) {
 export function Stations({ stations }) {
   const slowest = Math.max(0.001, ...stations.map((one) => one.reply_p95_s ?? 0));
   const columns = [
-    [t("page.address"), (one) => one.address, "right"],
     [t("page.drive"), (one) => html`<a href=${href("drive", one.drive)}>${driveTitle(one.drive)}</a>`, "name"],
+    [t("page.address"), (one) => one.address, "right"],
     [t("page.presence"), (one) => html`<${Presence} station=${one} />`],
     [t("page.refresh"), (one) => (one.refresh_s == null ? NO_VALUE : milliseconds(one.refresh_s)), "right"],
     [t("page.reply_time"), (one) => html`<${ReplyBar} station=${one} slowest=${slowest} />`],
@@ -46,7 +46,7 @@ export function Stations({ stations }) {
     [t("page.bus_errors"), (one) => classes(one.errors, "error") || NO_VALUE],
     [t("page.bus_counters"), (one) => classes(one.counters, "counter") || NO_VALUE],
   ];
-  return html`<div class="wide-table"><${Table} caption=${t("page.stations")} columns=${columns} rows=${stations}
+  return html`<div class="wide-table"><${Table} stacks caption=${t("page.stations")} columns=${columns} rows=${stations}
     keyOf=${(one) => one.address} /></div>`;
 }
 

@@ -6,6 +6,8 @@ import { Button, Choice, ErrorNote, Notice, OutcomeNote, useRequest } from "../u
 import { RUN_STATES, TURNING_STATES } from "../drive-states.js";
 import { isLive } from "../live.js";
 import { idle, isInOtherWindow, may } from "../session.js";
+import { drive, group, idsOf } from "../store.js";
+import { driveTitle } from "../titles.js";
 import { hasControl } from "../control/leases.js";
 import { stop } from "../control/stops.js";
 import { moment, number, numberOf } from "../format.js";
@@ -79,16 +81,27 @@ const RAMP_HOLD_S = 5;
 /** The answer comes after the hold. */
 const HOLD_OPTIONS = { timeout_ms: 30_000 };
 
+/** A drive that follows the frequency of this one and turns: it would run on, so the service refuses a pause and a ramp hold. */
+function runningFollower({ id }) {
+  const led = idsOf("groups").value.map((name) => group(name).value).filter((one) => one?.leader === id);
+  return led.flatMap((one) => one.drives).find((name) => {
+    const follower = name !== id && drive(name).value;
+    return follower && follower.commanded_hz !== null && TURNING_STATES.includes(follower.state);
+  });
+}
+
 /** Pause and ramp hold, of the models that have them. A pause ends by the next start. */
 function Holds({ view, disabled }) {
   const [execute, busy, error, result] = useRequest();
   const can = (what) => view.capabilities.includes(what);
   if (!can("pause") && !can("hold_ramp")) return null;
   const send = (rest, body) => () => execute(() => api.post(drivePath(view.id, rest), body, HOLD_OPTIONS));
-  const isOff = disabled || refusesFrequency(view) || !RUN_STATES.includes(view.state);
+  const follower = runningFollower(view);
+  const isOff = disabled || follower || refusesFrequency(view) || !RUN_STATES.includes(view.state);
   const action = (what, text, note, act) => can(what) && html`<div><${Button} disabled=${isOff} busy=${busy} onClick=${act}
     data-do=${what}>${text}<//><p class="hint">${note}</p></div>`;
   return html`<details><summary>${t("page.hold")}</summary><div class="stack">
+    ${follower && html`<${Notice} kind="warning">${t("plant.leader_holds", { drive: driveTitle(view.id), follower: driveTitle(follower) })}<//>`}
     ${action("pause", t("page.hold_pause"), t("page.hold_pause_note"), send("/pause"))}
     ${action("hold_ramp", t("page.hold_ramp", { n: RAMP_HOLD_S }), t("page.hold_ramp_note"), send("/hold-ramp", { seconds: RAMP_HOLD_S }))}
     <${ErrorNote} error=${error} /><${OutcomeNote} outcome=${result?.outcome} /></div></details>`;

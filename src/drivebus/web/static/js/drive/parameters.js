@@ -89,14 +89,14 @@ function columns({ profile, values, edits, edit, read, canRead, canEdit }) {
     [t("page.range"), (one) => html`<${Range} parameter=${one} />`, "right"],
     [t("page.factory"), (one) => (one.factory === null ? NO_VALUE : valueText(one, one.factory)), "right"],
   ];
-  if (canRead) {
-    shown.push([t("page.read"), (one) => one.readable !== false && html`<${Button} kind="quiet"
-      onClick=${() => read([one.notation])}
-      aria-label=${t("page.read_one", { notation: one.notation })}>${t("page.read")}<//>`]);
-  }
   if (canEdit) {
     shown.push([t("page.change_to"), (one) => one.writable && html`<${Edit} parameter=${one}
       value=${edits[one.notation] ?? ""} onChange=${(text) => edit(one.notation, text)} />`]);
+  }
+  if (canRead) {
+    shown.push([t("page.read"), (one) => one.readable !== false && html`<${Button} kind="quiet"
+      onClick=${() => read([one.notation])}
+      aria-label=${t("page.read_one", { notation: one.notation })}>${t("page.read")}<//>`, "act"]);
   }
   return shown;
 }
@@ -130,7 +130,7 @@ export function ParametersTab({ view, profile }) {
         data-do="review">
         ${t("page.review", { n: changes.length })}<//>`}</div>
     ${!canEdit && may("write_parameters") && html`<p class="soft">${t("page.edit_needs_control")}</p>`}<${ErrorNote} error=${error} />
-    <${Table} caption=${t("page.tab_parameters")} rows=${rows} keyOf=${(one) => one.notation}
+    <${Table} stacks caption=${t("page.tab_parameters")} rows=${rows} keyOf=${(one) => one.notation}
       rowClass=${(one) => (one.notation in edits ? "changed" : undefined)}
         columns=${columns({ profile, values, edits, edit, read, canRead, canEdit })} />
     ${reviewing && html`<${Review} view=${view} profile=${profile} changes=${changes}
@@ -140,7 +140,7 @@ export function ParametersTab({ view, profile }) {
 
 /** Parameters of a model that the plant may not have: nothing is read. */
 export function ModelParameters({ profile }) {
-  return html`<${Table} caption=${t("page.tab_parameters")} rows=${profile.parameters} keyOf=${(one) => one.notation}
+  return html`<${Table} stacks caption=${t("page.tab_parameters")} rows=${profile.parameters} keyOf=${(one) => one.notation}
     columns=${[
       [t("page.notation"), (one) => html`<code>${one.notation}</code>`],
       [t("page.parameter"), (one) => localized(one.text), "wide"],

@@ -16,7 +16,7 @@ function Diff({ changes }) {
     : html`<s>${valueText(parameter, was.value, was.raw)}</s> ${parameter.unit}`);
   const wrong = ({ parameter, text }) => (numberOf(text) === null ? `${text}${t("page.colon")}${t("page.not_number")}`
     : t("page.outside", { value: text, range: rangeText(parameter) }));
-  return html`<${Table} caption=${t("page.changes")} rows=${changes} keyOf=${({ parameter }) => parameter.notation}
+  return html`<${Table} stacks caption=${t("page.changes")} rows=${changes} keyOf=${({ parameter }) => parameter.notation}
     columns=${[
     [t("page.notation"), ({ parameter }) => html`<code>${parameter.notation}</code>`],
     [t("page.parameter"), ({ parameter }) => localized(parameter.text), "wide"],

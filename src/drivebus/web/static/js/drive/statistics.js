@@ -5,8 +5,11 @@ import { api, drivePath } from "../api.js";
 import { moment, quantity } from "../format.js";
 import { ErrorNote, Loading, useLoaded } from "../ui.js";
 
-/** Keypad's label of a fault code, as far as the profile has one. */
-const labelOf = (profile, code) => profile?.faults.find((one) => String(one.code) === code)?.label || code;
+/** Keypad's label of a fault code, as far as the profile has one; else the code, which is negative where it is not known. */
+function labelOf(profile, code) {
+  if (Number(code) < 0) return t("drives.unnamed_fault");
+  return profile?.faults.find((one) => String(one.code) === code)?.label || t("page.fault_code", { code });
+}
 
 /** `profile`: null until it is loaded. */
 export function StatisticsTab({ id, profile }) {
