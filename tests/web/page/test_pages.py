@@ -705,9 +705,19 @@ def test_no_cell_of_the_parameters_of_a_drive_is_cut_off_on_a_phone(stage: Stage
     page.locator(".stacks td b").first.wait_for()
     assert page.evaluate(CELLS_OUT_OF_PLACE) == []
     row = page.locator(".stacks tbody tr", has=page.locator("td input")).first
-    name, field, read = (row.locator(where).bounding_box() for where in ("td.key code", "td input", "td.act .button"))
+    name, field, read = (row.locator(where).bounding_box() for where in ("td.key code", "td input", "td.corner .button"))
     assert name["y"] + name["height"] <= field["y"]
     assert name["x"] + name["width"] <= read["x"] and read["y"] < field["y"]
+
+
+def test_the_field_of_a_parameter_stays_in_sight_while_its_table_scrolls(stage: Stage, visit: Any) -> None:
+    """It was the last of ten columns, beyond the right edge of a panel that a screen of 1440 pixels gives 800."""
+    stage.call("waiver.grant", drive="pump-1", reason="watched bench")
+    page = visit("#/drive/pump-1?tab=parameters", size=(1024, 768))
+    page.click("[data-do=take]")
+    page.locator("td input").first.wait_for()
+    edge, field = (page.locator(where).first.bounding_box() for where in (".drivedetails .scroll", "td input"))
+    assert field["x"] + field["width"] <= edge["x"] + edge["width"] + 1
 
 
 def test_no_cell_of_the_stations_of_a_bus_is_cut_off_on_a_phone(visit: Any, expect: Any) -> None:

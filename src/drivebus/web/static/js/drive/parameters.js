@@ -89,14 +89,14 @@ function columns({ profile, values, edits, edit, read, canRead, canEdit }) {
     [t("page.range"), (one) => html`<${Range} parameter=${one} />`, "right"],
     [t("page.factory"), (one) => (one.factory === null ? NO_VALUE : valueText(one, one.factory)), "right"],
   ];
-  if (canEdit) {
-    shown.push([t("page.change_to"), (one) => one.writable && html`<${Edit} parameter=${one}
-      value=${edits[one.notation] ?? ""} onChange=${(text) => edit(one.notation, text)} />`]);
-  }
   if (canRead) {
     shown.push([t("page.read"), (one) => one.readable !== false && html`<${Button} kind="quiet"
       onClick=${() => read([one.notation])}
-      aria-label=${t("page.read_one", { notation: one.notation })}>${t("page.read")}<//>`, "act"]);
+      aria-label=${t("page.read_one", { notation: one.notation })}>${t("page.read")}<//>`, "corner"]);
+  }
+  if (canEdit) {
+    shown.push([t("page.change_to"), (one) => one.writable && html`<${Edit} parameter=${one}
+      value=${edits[one.notation] ?? ""} onChange=${(text) => edit(one.notation, text)} />`, "pinned"]);
   }
   return shown;
 }
