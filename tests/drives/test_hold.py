@@ -200,6 +200,21 @@ def test_a_start_does_not_end_a_pause_in_fault_that_appears_after_its_checks() -
     assert [one.register for one in bus.sent(modbus.WriteRegister)] == [0x2001]
 
 
+@pytest.mark.parametrize(("before", "after"), [(0x0029, 0x0001), (0x0001, 0x0029)], ids=["stopped", "paused"])
+def test_a_start_does_not_follow_a_stop_or_a_pause_by_another_program_after_its_checks(before: int, after: int) -> None:
+    registers = {STATUS: before, 0x0001: 4, 0x3001: 2000}
+    bus = PureBus(dialect=dialect_for("vc660"), station=FakeModbus(registers=registers))
+
+    def changes(ask: Any) -> None:
+        if isinstance(ask.request, modbus.WriteRegister):
+            registers[STATUS] = after
+
+    bus.on_request = changes
+    outcome = bus.run(run(operation_for(bus.dialect), 20.0, None))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_started")
+    assert [one.register for one in bus.sent(modbus.WriteRegister)] == [0x2001]
+
+
 def test_a_start_the_other_way_round_waits_until_the_paused_motor_stands() -> None:
     async def played() -> None:
         async with SimulatedDrives("vc660") as bench:

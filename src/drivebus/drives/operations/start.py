@@ -16,7 +16,7 @@ from drivebus.drives.operations.context import OperationContext, with_note
 from drivebus.drives.operations.preflight import ensure_preflight, recheck_maximum_frequency, record_model
 from drivebus.drives.operations.preparation import prepare_start
 from drivebus.drives.operations.setpoint import read_back_setpoint, set_frequency, write_setpoint
-from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
+from drivebus.drives.operations.steps import BusConditions, DriveOperation, get_bus_conditions, wait
 from drivebus.drives.operations.stop import reported_text, stop
 from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind, DriveCommand, state_inhibit
@@ -60,10 +60,11 @@ def run(
     try:
         yield from check_readiness(op)
         word, actual_hz = op.check_frequency(frequency_hz)  # again: the pre-flight check reads what the word means
-        if op.derived.state.turning and not _may_resume(op, direction):
+        kind = CommandKind.RESUME if _may_resume(op, direction) else CommandKind.START
+        if op.derived.state.turning and kind is CommandKind.START:
             outcome = yield from _change_running_speed(op, frequency_hz, direction)
         else:
-            outcome = yield from _start_from_standstill(op, actual_hz, direction, word)
+            outcome = yield from _start_from_standstill(op, actual_hz, direction, word, kind)
     except PortLost as error:
         if op.may_be_running:
             raise
@@ -111,8 +112,15 @@ def _may_resume(op: OperationContext, direction: Direction | None) -> bool:
     return True
 
 
-def _start_kind(op: OperationContext, direction: Direction | None) -> CommandKind:
-    return CommandKind.RESUME if _may_resume(op, direction) else CommandKind.START
+def _create_start(
+    op: OperationContext, kind: CommandKind, direction: Direction | None, conditions: BusConditions
+) -> DriveCommand:
+    """Create the start as it was decided: a stop or a pause by another program meanwhile does not change its kind.
+
+    Raises StartInhibited where the state that was read last forbids the end of a pause.
+    """
+    _may_resume(op, direction)
+    return op.create_command(kind, conditions)
 
 
 def _change_running_speed(
@@ -180,13 +188,13 @@ def _output_falls(op: OperationContext) -> bool:
 
 
 def _start_from_standstill(
-    op: OperationContext, frequency_hz: float, direction: Direction | None, word: int
+    op: OperationContext, frequency_hz: float, direction: Direction | None, word: int, kind: CommandKind
 ) -> DriveOperation[Outcome]:
     if op.dialect.start_includes_setpoint:
-        return (yield from _send_start(op, frequency_hz, direction, word))
+        return (yield from _send_start(op, frequency_hz, direction, word, kind))
     yield from prepare_start(op)
     conditions = yield from op.check_deadline()
-    start = op.create_command(_start_kind(op, direction), conditions)
+    start = _create_start(op, kind, direction, conditions)
     yield from op.request_permit(start, op.dialect.start(direction, word)[0])  # otherwise no frequency is written
     setpoint = op.create_command(CommandKind.SETPOINT, conditions)
     outcome = yield from write_setpoint(op, setpoint, word, frequency_hz)
@@ -199,16 +207,16 @@ def _start_from_standstill(
         yield from recheck_maximum_frequency(op)
         if op.dialect.reports_run_state:
             yield from op.require_state()
-        return (yield from _send_start(op, frequency_hz, direction, word))
+        return (yield from _send_start(op, frequency_hz, direction, word, kind))
     except (StartInhibited, PreflightError, Expired) as withheld:  # the frequency was sent, the start not
         return op.outcome(OutcomeStatus.FAILED, "drives.not_started", why=withheld)
 
 
 def _send_start(
-    op: OperationContext, frequency_hz: float, direction: Direction | None, word: int
+    op: OperationContext, frequency_hz: float, direction: Direction | None, word: int, kind: CommandKind
 ) -> DriveOperation[Outcome]:
     conditions = yield from op.check_deadline()
-    command = op.create_command(_start_kind(op, direction), conditions)
+    command = _create_start(op, kind, direction, conditions)
     highest_hz = frequency_hz
     if command.kind is CommandKind.RESUME:  # the motor may still ramp down from a higher frequency
         highest_hz = max(frequency_hz, abs(op.output_hz() or 0.0))
