@@ -13,7 +13,8 @@ from drivebus.service.auth.devices import DEVICE_KEY_FILE
 from drivebus.service.auth.rights import Right, Role
 from drivebus.service.auth.service import SETUP_SECRET_FILE, AuthService
 from drivebus.service.auth.sessions import SessionStore, secret_digest
-from drivebus.service.auth.users import USER_FILE, Token, User, UserDatabase
+from drivebus.service.auth.users import Token, User, UserDatabase
+from drivebus.service.config.model import USER_FILE
 from fixtures.web_app import FAST_HASHER
 
 ROOT = Path(__file__).resolve().parents[1]

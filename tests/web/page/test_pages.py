@@ -705,7 +705,9 @@ def test_no_cell_of_the_parameters_of_a_drive_is_cut_off_on_a_phone(stage: Stage
     page.locator(".stacks td b").first.wait_for()
     assert page.evaluate(CELLS_OUT_OF_PLACE) == []
     row = page.locator(".stacks tbody tr", has=page.locator("td input")).first
-    name, field, read = (row.locator(where).bounding_box() for where in ("td.key code", "td input", "td.corner .button"))
+    name, field, read = (
+        row.locator(where).bounding_box() for where in ("td.key code", "td input", "td.corner .button")
+    )
     assert name["y"] + name["height"] <= field["y"]
     assert name["x"] + name["width"] <= read["x"] and read["y"] < field["y"]
 
