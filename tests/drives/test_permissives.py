@@ -143,8 +143,17 @@ def test_a_start_begins_at_standstill_and_nowhere_else(state: DriveState) -> Non
     check_withheld(StartInhibited, key, evidence=replace(STANDSTILL, derived=DerivedState(state)))
 
 
-@pytest.mark.parametrize("kind", [CommandKind.WRITE, CommandKind.RESET])
-def test_a_write_or_a_reset_can_not_be_granted_motion(kind: CommandKind) -> None:
+@pytest.mark.parametrize("state", [state for state in DriveState if state is not DriveState.PAUSED])
+def test_a_run_is_resumed_from_a_pause_and_from_no_other_state(state: DriveState) -> None:
+    """At standstill the same word would start a motor that was stopped since the pause."""
+    resume = DriveCommand("x", CommandKind.RESUME, 10.0, 3)
+    request_permit(resume, evidence=replace(STANDSTILL, derived=DerivedState(DriveState.PAUSED)))
+    key = "drives.state_not_known" if state is DriveState.UNKNOWN else "drives.state_forbids"
+    check_withheld(StartInhibited, key, command=resume, evidence=replace(STANDSTILL, derived=DerivedState(state)))
+
+
+@pytest.mark.parametrize("kind", [CommandKind.WRITE, CommandKind.RESET, CommandKind.PAUSE])
+def test_a_write_reset_or_pause_can_not_be_granted_motion(kind: CommandKind) -> None:
     check_withheld(NotPermitted, "drives.frame_would_move", command=DriveCommand("x", kind, 10.0, 3))
 
 
@@ -175,15 +184,31 @@ def test_a_drive_that_needs_a_word_before_a_start_gets_that_word_and_no_start() 
     assert request_permit(effect=Effect.SETTING, evidence=unprepared).effect is Effect.SETTING
 
 
-@pytest.mark.parametrize(
-    ("kind", "seconds"),
-    [("start", 2.0), ("jog", 2.0), ("setpoint", 5.0), ("reset", 2.0), ("write", 5.0), ("inputs", 2.0)],
-)
+EXPIRIES_S = {
+    "start": 2.0,
+    "jog": 2.0,
+    "setpoint": 5.0,
+    "pause": 5.0,
+    "resume": 2.0,
+    "ramp_hold": 2.0,
+    "reset": 2.0,
+    "write": 5.0,
+    "inputs": 2.0,
+}
+
+
+def test_every_kind_of_command_expires() -> None:
+    assert list(EXPIRIES_S) == [kind.value for kind in CommandKind]
+
+
+@pytest.mark.parametrize(("kind", "seconds"), EXPIRIES_S.items())
 def test_every_command_expires_after_the_limit_of_its_kind(kind: str, seconds: float) -> None:
     command = DriveCommand("x", CommandKind(kind), 10.0, 3)
     last = replace(CONDITIONS, now=10.0 + seconds)
+    state = DriveState.PAUSED if command.kind is CommandKind.RESUME else DriveState.STOPPED
+    fresh = replace(STANDSTILL, derived=DerivedState(state), state_at=last.now)
     assert COMMAND_TTL_S[command.kind] == seconds
-    assert request_permit(command, Effect.SETTING, last, replace(STANDSTILL, state_at=last.now)).expires_at == last.now
+    assert request_permit(command, Effect.SETTING, last, fresh).expires_at == last.now
     check_withheld(
         Expired,
         "drives.expired",
@@ -219,12 +244,22 @@ def test_three_failures_are_an_error_rate() -> None:
     assert caught.value.params == {"error_percent": 12.35, "limit_percent": 1.0}
 
 
-@pytest.mark.parametrize("kind", [CommandKind.START, CommandKind.JOG])
+@pytest.mark.parametrize(
+    ("kind", "state"),
+    [
+        (CommandKind.START, DriveState.STOPPED),
+        (CommandKind.JOG, DriveState.STOPPED),
+        (CommandKind.RESUME, DriveState.PAUSED),
+    ],
+)
 @pytest.mark.parametrize("effect", [Effect.SETTING, Effect.MOTION])
-def test_a_start_or_jog_needs_link_drive_and_limits_whatever_its_frame_does(kind: CommandKind, effect: Effect) -> None:
+def test_a_start_jog_or_resume_needs_link_drive_and_limits_whatever_its_frame_does(
+    kind: CommandKind, state: DriveState, effect: Effect
+) -> None:
     """The kind of the command counts, not only the effect of these bytes."""
     command = DriveCommand("x", kind, 10.0, 3)
-    request_permit(command, effect)
+    ready = replace(STANDSTILL, derived=DerivedState(state))
+    request_permit(command, effect, evidence=ready)
     check_withheld(
         StartInhibited,
         "drives.high_error_rate",
@@ -237,14 +272,14 @@ def test_a_start_or_jog_needs_link_drive_and_limits_whatever_its_frame_does(kind
         "drives.preflight_not_done",
         command=command,
         effect=effect,
-        evidence=replace(STANDSTILL, preflight_passed=False),
+        evidence=replace(ready, preflight_passed=False),
     )
     check_withheld(
         StartInhibited,
         "drives.limits_unchecked",
         command=command,
         effect=effect,
-        evidence=replace(STANDSTILL, limits_checked=False),
+        evidence=replace(ready, limits_checked=False),
     )
     turns = replace(STANDSTILL, derived=DerivedState(DriveState.RUNNING))
     check_withheld(StartInhibited, "drives.state_forbids", command=command, effect=effect, evidence=turns)
@@ -253,20 +288,21 @@ def test_a_start_or_jog_needs_link_drive_and_limits_whatever_its_frame_does(kind
 RUNNING = [DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING]
 
 
+@pytest.mark.parametrize("kind", [CommandKind.SETPOINT, CommandKind.RAMP_HOLD])
 @pytest.mark.parametrize("state", DriveState)
-def test_a_setpoint_whose_frame_moves_only_changes_a_run(state: DriveState) -> None:
+def test_a_setpoint_or_ramp_hold_whose_frame_moves_only_changes_a_run(kind: CommandKind, state: DriveState) -> None:
     """DZB100's setpoint is a run frame: at standstill it would start the motor."""
-    setpoint = DriveCommand("x", CommandKind.SETPOINT, 10.0, 3)
+    command = DriveCommand("x", kind, 10.0, 3)
     evidence = replace(STANDSTILL, derived=DerivedState(state))
     if state in RUNNING:
-        request_permit(setpoint, evidence=evidence)
+        request_permit(command, evidence=evidence)
     else:
         key = "drives.state_not_known" if state is DriveState.UNKNOWN else "drives.state_forbids"
-        check_withheld(StartInhibited, key, command=setpoint, evidence=evidence)
+        check_withheld(StartInhibited, key, command=command, evidence=evidence)
     check_withheld(
         StartInhibited,
         "drives.high_error_rate",
-        command=setpoint,
+        command=command,
         conditions=replace(CONDITIONS, damage_rate=1.0, damaged=9),
     )
 
