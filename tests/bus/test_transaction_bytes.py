@@ -12,7 +12,7 @@ from drivebus.bus.messages import BusRequest
 from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.bus.station import Station
 from drivebus.bus.transaction import Transaction
-from drivebus.errors import AddressError, ChecksumError, EchoError, LineError, NoReply, TrailingError
+from drivebus.errors import AddressError, AlphabetError, ChecksumError, EchoError, LineError, NoReply, TrailingError
 from drivebus.protocols import modbus
 from drivebus.protocols.codec import DecodeResult
 from fixtures.bus import CHARACTER_S, COMMAND, SETTINGS, STOP, TIMING, read_request, station_config
@@ -281,3 +281,67 @@ def test_a_reply_to_another_request_invalidates_it() -> None:
     transaction.on_data(RTU.encode_reply(modbus.WriteAck(1, 6, 7, 9)), 1.05)
     assert isinstance(transaction.final_error(), EchoError) and transaction.message is None
     assert transaction.ends_at == 1.05 + GAP
+
+
+WRITE = modbus.WriteRegister(1, 7, 8)
+WRITE_FRAME = RTU.encode_request(WRITE)
+
+
+def test_bytes_that_equal_the_frame_after_a_collision_are_no_echo() -> None:
+    """The frame is lost already: what follows counts as received, as any byte of a line in use does."""
+    echo = EchoFilter(b"abcd", tentative=False)
+    assert echo.strip(b"aX") == b"aX" and echo.collided
+    assert echo.strip(b"bcd") == b"bcd" and not echo.is_complete
+
+
+def test_bytes_taken_for_an_echo_that_was_none_are_counted_once() -> None:
+    transaction = make_transaction(paced=False, echo=EchoFilter(RTU.encode_request(read_request().request), True))
+    transaction.on_data(REPLY[:2], 1.05)
+    transaction.on_data(REPLY[2:5], 1.06)
+    error = transaction.final_error()
+    assert isinstance(error, NoReply) and (error.key, error.params["bytes"]) == ("bus.truncated", 5)
+
+
+@pytest.mark.parametrize("echo", [None, EchoFilter(WRITE_FRAME, False), EchoFilter(WRITE_FRAME, True)])
+def test_silence_after_a_write_is_not_called_the_own_frame(echo: EchoFilter | None) -> None:
+    """The user would look for an adapter with an echo instead of a drive without power."""
+    error = make_transaction(WRITE, paced=False, echo=echo).final_error()
+    assert isinstance(error, NoReply) and error.key == "bus.no_reply"
+
+
+def test_the_frame_of_another_station_in_place_of_an_echo_is_not_called_the_own_frame() -> None:
+    transaction = make_transaction(WRITE, paced=False, echo=EchoFilter(WRITE_FRAME, True))
+    transaction.on_data(OTHERS, 1.05)
+    error = transaction.final_error()
+    assert transaction.foreign_frames and isinstance(error, NoReply) and error.key == "bus.no_reply"
+
+
+@pytest.mark.parametrize(
+    ("error", "damaged"),
+    [
+        (ChecksumError("modbus.crc"), True),
+        (AlphabetError("sunfar.alphabet"), True),
+        (LineError("bus.line_errors"), True),
+        (EchoError("modbus.echo"), False),
+        (TrailingError("bus.trailing"), False),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_only_damage_of_exactly_the_bytes_of_a_reply_is_a_damaged_reply(error: Exception, damaged: bool) -> None:
+    """After any other error the reply may still come, so the request is not repeated at once."""
+    transaction = make_transaction()
+    for size in (12, 13, 14):
+        transaction.received_count = size
+        assert transaction.is_damaged_reply(error) is (damaged and size == 13)
+
+
+@pytest.mark.parametrize(
+    ("following", "second"),
+    [(REPLY, True), (REPLY + b"\x00", True), (REPLY[:12], False), (DAMAGED, False), (OTHERS, False), (b"\x00", False)],
+)
+def test_only_a_whole_reply_behind_the_reply_is_a_second_one(following: bytes, second: bool) -> None:
+    """A stray byte or a part of a frame is no sign of two drives at one address."""
+    transaction = make_transaction()
+    transaction.on_data(REPLY + following, 1.05)
+    error = transaction.final_error()
+    assert isinstance(error, TrailingError) and transaction.ends_with_second_reply(error) is second
