@@ -53,6 +53,7 @@ AUTHORIZATION_TESTS = (
 REFERENCE_TESTS = [f"tests/verification/test_reference_{name}.py" for name in ("codecs", "comparison")]
 MUTATED_MODULES: list[tuple[list[str], list[str]]] = [
     (["drivebus.drives.permissives"], ["tests/drives/test_permissives.py"]),
+    (modules_of("drives/operations", "hold", "start", "stop"), ["tests/drives"]),
     (
         modules_of("bus", "prepared_request", "scheduler", "transaction"),
         ["tests/bus"],
@@ -69,6 +70,11 @@ MUTATED_MODULES: list[tuple[list[str], list[str]]] = [
     ),
 ]
 """Modules, and the tests that must fail for their mutants."""
+
+
+def reported_modules() -> set[str]:
+    """Return the modules that a row may name: those with a line to change, under their current names."""
+    return {name for modules, _ in MUTATED_MODULES for name in modules if mutants(tree_of(name))}
 
 
 def mutation_document(found: list[JudgedMutant], version: str) -> dict[str, Any]:
@@ -131,13 +137,14 @@ def key(module: str, scope: str, change: str) -> str:
 
 
 def write_document(made: dict[str, Any]) -> dict[str, Any]:
-    """Update these modules in the report, and the reasons of all survivors.
+    """Update these modules in the report, and the reasons of all survivors; a module that was removed loses its row.
 
     A survivor whose code was renamed after its run keeps the reason that the report has.
     """
     old = json.loads(REPORT.read_text(encoding="utf-8")) if REPORT.exists() else {}
     reasons = json.loads(REASONS.read_text(encoding="utf-8"))
-    found: dict[str, Any] = dict(sorted((old | made).items()))
+    reported = reported_modules()
+    found: dict[str, Any] = {module: one for module, one in sorted((old | made).items()) if module in reported}
     for module, one in found.items():
         for left in one["survivors"]:
             left["reason"] = reasons.get(key(module, left["scope"], left["change"]), left.get("reason", ""))

@@ -13,7 +13,7 @@ import pytest
 from mutation import pages
 from mutation.children import FIRST_PATHS, SURVIVED
 from mutation.mutate import apply, mutants
-from mutation.report import MUTATED_MODULES, REASONS, REPORT, ROOT, key
+from mutation.report import MUTATED_MODULES, REASONS, REPORT, ROOT, key, reported_modules
 from mutation.run import JudgedMutant, judge_in_order, tree_of
 
 
@@ -112,6 +112,7 @@ def test_every_mutated_module_exists_and_its_mutants_compile(module: str) -> Non
 
 def test_the_pages_show_the_committed_figures_and_every_survivor_has_a_reason() -> None:
     found = json.loads(REPORT.read_text(encoding="utf-8"))
+    assert set(found) <= reported_modules(), "a row names a module that was moved, renamed or removed"
     for language, name in (("en", "mutation.md"), ("zh", "mutation.zh.md")):
         assert (REPORT.parent / name).read_text(encoding="utf-8") == pages.page(found, language)
     for one in found.values():
