@@ -8,7 +8,7 @@ import pytest
 
 from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPolicy
 from drivebus.bus.prepared_request import Poll, PreparedPoll, PreparedRequest
-from drivebus.bus.scheduler import MAX_COMMANDS_IN_ROW, MAX_POLLS_IN_ROW, NEVER, Scheduler
+from drivebus.bus.scheduler import MAX_COMMANDS_IN_ROW, MAX_POLLS_IN_ROW, NEVER, PollSchedule, Scheduler
 from drivebus.bus.station import Station
 from drivebus.errors import Expired, NotPermitted
 from drivebus.protocols import modbus
@@ -447,3 +447,58 @@ def test_lateness_is_reported_in_milliseconds() -> None:
     assert scheduler.next(3.0) is None
     [(_, error)] = scheduler.rejected
     assert isinstance(error, Expired) and error.params["late_ms"] == 2000
+
+
+def test_the_polls_of_a_bus_begin_at_different_times_within_their_period() -> None:
+    """A hundred polls that are due together would keep the last of them waiting for the other frames, every time."""
+    schedule = PollSchedule()
+    phases = [schedule.next_phase_s(Poll(read(), 10.0)) for _ in range(4)]
+    assert phases == pytest.approx([0.0, 6.18034, 2.36068, 8.54102], abs=1e-4)
+    assert schedule.next_phase_s(Poll(read(), 10.0, phase_s=3.0)) == 3.0
+    assert schedule.next_phase_s(Poll(read(), 1.0)) == pytest.approx(0.47214, abs=1e-4)
+
+
+def scheduled(*due: float) -> tuple[PollSchedule, list[PreparedPoll]]:
+    """Return a schedule of polls with these due times, and the polls in the same order."""
+    target, schedule = station(), PollSchedule()
+    polls = [poll(target, 60.0, at) for at in due]
+    for each in polls:
+        schedule.add(each)
+    return schedule, polls
+
+
+def test_a_poll_that_is_made_due_goes_before_polls_that_are_due_later() -> None:
+    schedule, polls = scheduled(5.0, 6.0, 7.0)
+    schedule.make_due(lambda each: each is polls[2], 1.0)
+    assert schedule.next_due(1.0) is polls[2]
+    schedule.mark_sent(polls[2], 1.0)
+    assert schedule.next_due(4.9) is None and schedule.next_due(5.0) is polls[0]
+
+
+@pytest.mark.parametrize("due", [0.5, 1.0])
+def test_an_overdue_poll_that_is_made_due_keeps_its_times(due: float) -> None:
+    """It is sent next anyway; with a later due time, polls that became due after it would go first."""
+    schedule, (overdue,) = scheduled(due)
+    overdue.phase_at = 0.25
+    schedule.make_due(lambda _: True, 1.0)
+    assert (overdue.due_at, overdue.phase_at, schedule.next_due_at()) == (due, 0.25, due)
+
+
+def test_the_most_overdue_poll_goes_first_after_others_were_cancelled() -> None:
+    schedule, polls = scheduled(1.0, 5.0, 2.0, 6.0, 7.0, 3.0)
+    schedule.cancel_if(lambda each: each in (polls[0], polls[2]))
+    assert schedule.next_due_at() == 3.0 and schedule.next_due(3.0) is polls[5]
+    assert all(each.cancelled is (each in (polls[0], polls[2])) for each in polls)
+
+
+def test_a_station_registered_again_gets_a_new_sync_probe() -> None:
+    """The waiting probe of the removed one may be of another model."""
+    target, scheduler = station(), Scheduler(SETTINGS)
+    target.mark_suspect(0.0)
+    scheduler.mark_suspect(target)
+    waiting = scheduler.next(10.0)
+    assert waiting is not None and scheduler.next(10.0) is waiting
+    scheduler.remove_station(target)
+    scheduler.mark_suspect(target)
+    fresh = scheduler.next(10.0)
+    assert fresh is not None and fresh.is_sync_probe and fresh is not waiting
