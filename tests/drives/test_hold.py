@@ -14,6 +14,8 @@ from drivebus import profiles
 from drivebus.drives import Drive, create_dialect
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.operations.hold import hold_ramp, pause
+from drivebus.drives.operations.jog import begin_jog
+from drivebus.drives.operations.preflight import ensure_preflight
 from drivebus.drives.operations.start import run
 from drivebus.drives.operations.stop import stop
 from drivebus.drives.outcome import Outcome, OutcomeStatus
@@ -213,6 +215,42 @@ def test_a_start_does_not_follow_a_stop_or_a_pause_by_another_program_after_its_
     outcome = bus.run(run(operation_for(bus.dialect), 20.0, None))
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_started")
     assert [one.register for one in bus.sent(modbus.WriteRegister)] == [0x2001]
+
+
+@pytest.mark.parametrize("before", [0x0009, 0x0029], ids=["running", "paused"])
+@pytest.mark.parametrize(
+    "command",
+    [lambda op: run(op, 20.0, None), lambda op: begin_jog(op, None, Direction.FORWARD)],
+    ids=["start", "jog"],
+)
+def test_a_motor_that_another_source_stops_during_the_checks_is_not_started(before: int, command: Any) -> None:
+    """The command was meant for a motor that ran; a stop at the keypad came after it."""
+    registers = {STATUS: before, 0x0001: 4, 0x3001: 2000}
+    bus = PureBus(dialect=dialect_for("vc660"), station=FakeModbus(registers=registers))
+
+    def stops(ask: Any) -> None:
+        if isinstance(ask.request, modbus.ReadRegisters) and ask.request.register < COMMANDS:  # the pre-flight check
+            registers[STATUS] = 0x0001
+
+    bus.on_request = stops
+    with pytest.raises(StartInhibited) as caught:
+        bus.run(command(operation_for(bus.dialect)))
+    assert caught.value.key == "drives.stopped_meanwhile" and not bus.sent(modbus.WriteRegister)
+
+
+def test_a_motor_that_stops_between_the_two_reads_of_its_state_is_not_started() -> None:
+    registers = {STATUS: 0x0009, 0x0001: 4, 0x3001: 2000}
+    bus = PureBus(dialect=dialect_for("vc660"), station=FakeModbus(registers=registers))
+    bus.run(ensure_preflight(operation_for(bus.dialect)))
+
+    def stops(ask: Any) -> None:
+        if isinstance(ask.request, modbus.ReadRegisters) and ask.request.register == STATUS:
+            registers[STATUS] = 0x0001
+
+    bus.on_request = stops
+    with pytest.raises(StartInhibited, match="Another source stopped it"):
+        bus.run(run(operation_for(bus.dialect), 20.0, None))
+    assert not bus.sent(modbus.WriteRegister)
 
 
 def test_a_start_the_other_way_round_waits_until_the_paused_motor_stands() -> None:

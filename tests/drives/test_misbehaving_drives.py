@@ -291,6 +291,7 @@ def test_three_damaged_replies_inhibit_a_start_and_two_do_not(damaged: int, bloc
         preflight_passed=True,
         limits_checked=True,
         is_prepared=True,
+        motion_seen=False,
     )
     command = DriveCommand("start-1", CommandKind.START, 10.0, 3)
     with pytest.raises(StartInhibited) if blocked else contextlib.nullcontext():

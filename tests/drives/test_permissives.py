@@ -31,6 +31,7 @@ STANDSTILL = DriveEvidence(
     preflight_passed=True,
     limits_checked=True,
     is_prepared=True,
+    motion_seen=False,
 )
 
 
@@ -132,6 +133,7 @@ def test_a_family_without_a_run_status_is_judged_by_its_preflight_alone() -> Non
         preflight_passed=True,
         limits_checked=True,
         is_prepared=True,
+        motion_seen=False,
     )
     request_permit(evidence=blind)
     check_withheld(StartInhibited, "drives.preflight_not_done", evidence=replace(blind, preflight_passed=False))
@@ -175,6 +177,13 @@ def test_reads_and_stops_need_no_permit_and_get_none(effect: Effect) -> None:
 
 def test_unchecked_limits_stop_a_start() -> None:
     check_withheld(StartInhibited, "drives.limits_unchecked", evidence=replace(STANDSTILL, limits_checked=False))
+
+
+@pytest.mark.parametrize("kind", ["start", "jog"])
+def test_a_motor_that_turned_when_the_command_began_is_not_started(kind: str) -> None:
+    stopped = replace(STANDSTILL, motion_seen=True)
+    command = DriveCommand("x", CommandKind(kind), 10.0, 3)
+    check_withheld(StartInhibited, "drives.stopped_meanwhile", command=command, evidence=stopped)
 
 
 def test_a_drive_that_needs_a_word_before_a_start_gets_that_word_and_no_start() -> None:
@@ -316,6 +325,7 @@ def test_a_setpoint_that_only_sets_needs_its_limits_and_nothing_of_the_drive() -
         preflight_passed=False,
         limits_checked=True,
         is_prepared=True,
+        motion_seen=False,
     )
     request_permit(setpoint, Effect.SETTING, replace(CONDITIONS, damage_rate=1.0, damaged=9), nothing)
     check_withheld(
@@ -337,6 +347,7 @@ def test_a_write_or_a_reset_asks_for_no_limits_and_no_state(kind: CommandKind) -
         preflight_passed=False,
         limits_checked=False,
         is_prepared=True,
+        motion_seen=False,
     )
     command = DriveCommand("x", kind, 10.0, 3)
     permit = request_permit(command, Effect.SETTING, replace(CONDITIONS, damage_rate=1.0, damaged=9), faulty)

@@ -89,6 +89,8 @@ class DriveEvidence:
     limits_checked: bool
     is_prepared: bool
     """The status asks for no further word before a start."""
+    motion_seen: bool
+    """A read since the command began, or since its own last stop, showed the motor turning."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -171,7 +173,10 @@ def unmet_start_permissives(conditions: BusConditions, family: str) -> Iterator[
 def _check_drive_state(
     command: DriveCommand, effect: Effect, conditions: BusConditions, evidence: DriveEvidence
 ) -> None:
-    """Check the state: a start begins at standstill or ends a pause, a setpoint that moves (DZB100) changes a run."""
+    """Check the state: a start begins at standstill or ends a pause, a setpoint that moves (DZB100) changes a run.
+
+    A motor that turned when the command began was stopped after it, which a start must not undo.
+    """
     if not evidence.preflight_passed:
         raise StartInhibited("drives.preflight_not_done")
     if not evidence.reports_run_state:
@@ -181,5 +186,7 @@ def _check_drive_state(
         raise StartInhibited("drives.status_stale", age_s=age, limit_s=MAX_STATUS_AGE_S)
     if evidence.derived.state not in _STATES_FOR_MOTION[command.kind]:
         raise state_inhibit(evidence.derived, command.kind)
+    if evidence.motion_seen and command.kind in (CommandKind.START, CommandKind.JOG):
+        raise StartInhibited("drives.stopped_meanwhile", kind=command.kind)
     if effect is Effect.MOTION and not evidence.is_prepared:
         raise StartInhibited("drives.not_prepared")

@@ -111,7 +111,7 @@ class OperationContext:
         self.port_loss: PortLost | None = None  # of any transaction: it supersedes a command as a stop does
         self.limits_checked = False  # frequency and direction are within the limits of drive and user
         self.overspeed_hz: float | None = None  # after a start from standstill: no output frequency may be above
-        self.motion_seen = False  # at least one reading showed that the drive turns
+        self.motion_seen = False  # at least one reading showed that the drive turns, and no stop was confirmed since
         self.changes_run = False  # the drive may turn: every acting frame makes its run one of this command
         self.may_be_running = False  # a frame that moves may have been sent and not been rejected, and no stop since
         self.last_motion_result: BusResult | None = None  # of the last frame that moves
@@ -360,6 +360,7 @@ class OperationContext:
             preflight_passed=preflight is not None and preflight.passed,
             limits_checked=self.limits_checked,
             is_prepared=self.is_prepared(),
+            motion_seen=self.motion_seen,
         )
 
     def is_prepared(self) -> bool:

@@ -75,7 +75,8 @@ def stop(
     outcome = yield from _send_and_confirm(
         op, mode, wait_confirmed, progress or StopProgress(op, (yield from get_bus_conditions()).now)
     )
-    op.may_be_running = op.may_be_running and not outcome.succeeded
+    if outcome.succeeded:
+        op.may_be_running = op.motion_seen = False
     return outcome
 
 
