@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from drivebus import profiles
-from drivebus.drives import Drive, create_dialect
+from drivebus.drives import Drive, create_dialect, stop_bus
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.operations.hold import hold_ramp, pause
 from drivebus.drives.operations.jog import begin_jog
@@ -396,6 +396,37 @@ def test_a_pause_by_another_program_does_not_end_when_the_stop_is_lost() -> None
             station.handle_request = loses_stops
             assert (await drive.stop()).status is OutcomeStatus.CONFIRMED
             assert len(lost) == 3 and not [word for word in resumed if not word & 0x0002]
+
+    run_virtual(played())
+
+
+@pytest.mark.parametrize("word", [0x0080, 0x0004], ids=["paused", "reversed"])
+def test_a_bus_stop_lets_no_motor_run_that_missed_the_broadcast_and_that_another_program_changed(word: int) -> None:
+    """A broadcast has no reply: whether it stopped the drive is unknown when the next frame leaves."""
+
+    async def played() -> None:
+        async with SimulatedDrives("vc660", "1-2") as bench:
+            drives = [bench.drive(address) for address in (1, 2)]
+            for drive in drives:
+                await drive.run(20.0, wait=True)
+            station = bench.station(2)
+            station.handle_request(modbus.WriteRegister(2, COMMANDS, word), drives[1].dialect.codec)
+            await asyncio.sleep(0.01)
+            handled = station.handle_request
+            resumed: list[int] = []
+
+            def loses_broadcast_stops(message: Any, codec: Any) -> Any:
+                is_command = isinstance(message, modbus.WriteRegister)
+                if is_command and message.address == 0 and message.value & 0x0002:
+                    return None
+                reply = handled(message, codec)
+                if is_command and not message.value & 0x0002 and not station.motor.stopping and station.control != word:
+                    resumed.append(message.value)
+                return reply
+
+            station.handle_request = loses_broadcast_stops
+            assert (await stop_bus(bench.bus, drives)).confirmed
+            assert not resumed
 
     run_virtual(played())
 

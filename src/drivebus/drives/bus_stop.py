@@ -68,11 +68,12 @@ async def _broadcast(bus: Bus, drives: Sequence[Drive]) -> tuple[FrameExchange, 
         must_wait = has_unproved_model and drive.profile.needs_model_check
         if must_wait or "broadcast_stop" not in drive.profile.capabilities:
             continue
-        for place, request in enumerate(drive.dialect.broadcast_stop()):
-            # the frames after a stop let the stops of other drives go first
-            priority = RequestPriority.COMMAND if place else RequestPriority.STOP
+        for request in drive.dialect.broadcast_stop():
             bus_request = BusRequest(
-                station=drive.address, request=request, priority=priority, retry_policy=RetryPolicy.BROADCAST
+                station=drive.address,
+                request=request,
+                priority=RequestPriority.STOP,
+                retry_policy=RetryPolicy.BROADCAST,
             )
             requests.setdefault(drive.dialect.codec.encode_request(request), bus_request)
     sent: list[FrameExchange] = []

@@ -387,10 +387,10 @@ class ModbusDialect(Dialect):
         return tuple(self._writes.command(word) for word in words)
 
     def broadcast_stop(self) -> tuple[Any, ...]:
+        """Return the stop without the levels after it: no reply shows that every drive has accepted it."""
         if self.profile.broadcast is None:
             return ()
-        requests = self.stop(StopMode.STOP)
-        return tuple(replace(request, address=self.profile.broadcast) for request in requests)
+        return (replace(self.stop(StopMode.STOP)[0], address=self.profile.broadcast),)
 
     def reset(self) -> tuple[CommandFrame, ...]:
         request = self._writes.reset_register()
