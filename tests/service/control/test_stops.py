@@ -498,6 +498,30 @@ def test_a_stopping_service_stops_the_drives_that_it_started_by_their_policy(
     run(scenario())
 
 
+@pytest.mark.parametrize("by_service", [True, False], ids=["hold policy", "started by another"])
+def test_a_stopping_service_stops_a_drive_whose_ramp_it_holds(by_service: bool) -> None:
+    """Nothing else would end the hold: the motor would stay at a frequency that it was only passing."""
+
+    async def scenario() -> None:
+        drives = tuple(replace(drive, on_service_stop=OnServiceStop.HOLD) for drive in DRIVES)
+        buses = (BUSES[0], replace(BUSES[1], port="sim://vc660@1,2?ramp=20"))
+        async with running_service(plant_config(drives=drives, buses=buses)) as kit:
+            await ready(kit, *(["pump-1"] if by_service else []))
+            station = kit.station("pump-1")
+            if not by_service:
+                station.motor.run(40.0)
+            await asyncio.sleep(2)
+            holding = asyncio.create_task(kit.call("drive.hold_ramp", drive="pump-1", seconds=10.0))
+            await asyncio.sleep(1)
+            assert station.motor.hold
+            outcomes = await kit.service.stop()
+            assert [*outcomes] == ["pump-1"] and station.motor.phase is OutputPhase.OFF and not station.motor.hold
+            with pytest.raises(Superseded):
+                await holding
+
+    run(scenario())
+
+
 def test_a_stopping_service_reports_unconfirmed_stops_within_three_seconds() -> None:
     async def scenario() -> None:
         async with running_service() as kit:

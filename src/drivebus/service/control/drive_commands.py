@@ -151,7 +151,11 @@ class DriveCommands:
     async def hold_ramp(self, params: RampHoldParams, actor: Actor, ticket: CommandTicket) -> Json:
         runtime = self._require_no_followers(params.drive, actor)
         _check_limits_known(runtime)
-        outcome = await runtime.drive.hold_ramp(params.seconds, ticket.issued_at)
+        runtime.ramp_holds += 1
+        try:
+            outcome = await runtime.drive.hold_ramp(params.seconds, ticket.issued_at)
+        finally:
+            runtime.ramp_holds -= 1
         return self.publish_outcome(runtime, "hold_ramp", outcome, actor, seconds=params.seconds)
 
     def _require_no_followers(self, drive: str, actor: Actor) -> DriveRuntime:

@@ -108,12 +108,11 @@ class StopCommands:
     async def stop_started_drives(self, actor: Actor) -> Json:
         """Stop what this service started or adopted, unless the drive's ``on_service_stop`` is ``hold``.
 
-        Every other drive that may be running becomes an event. Return the outcome of each stop, None where it was not
-        known within the timeout.
+        A drive whose ramp is held is stopped in any case. Every other drive that may be running becomes an event.
+        Return the outcome of each stop, None where it was not known within the timeout.
         """
         everything = self.plant.drives.values()
-        own = [runtime for runtime in everything if runtime.runs_for_service]
-        runtimes = [runtime for runtime in own if runtime.config.on_service_stop is OnServiceStop.STOP]
+        runtimes = [runtime for runtime in everything if _stops_with_service(runtime)]
         left = {runtime: key for runtime in everything if runtime not in runtimes and (key := _left_running(runtime))}
         self.plant.note_stop(*runtimes, by=actor.name, kind="service")
         stops = {runtime: asyncio.create_task(self._stop_one(runtime, actor, len(runtimes))) for runtime in runtimes}
@@ -126,6 +125,12 @@ class StopCommands:
             task.cancel()
         await asyncio.gather(*stops.values(), return_exceptions=True)
         return found
+
+
+def _stops_with_service(runtime: DriveRuntime) -> bool:
+    """Return whether an ending service stops a drive: by its policy, or because it would stay in a ramp hold."""
+    by_policy = runtime.runs_for_service and runtime.config.on_service_stop is OnServiceStop.STOP
+    return by_policy or runtime.ramp_holds > 0
 
 
 def _left_running(runtime: DriveRuntime) -> str | None:

@@ -81,6 +81,8 @@ class DriveRuntime:
         """Started by this service and not reported at standstill since."""
         self.adopted = False
         """Found running when this service started, and not reported at standstill since."""
+        self.ramp_holds = 0
+        """Ramp holds that have not ended: their end is still to be sent."""
         self.last_motion_at = 0.0
         """Monotonic time at which its last start ended; infinite while one is under way."""
         self.state_was_known = False
