@@ -50,10 +50,32 @@ AUTHORIZATION_TESTS = (
     "users",
 )
 """Tests of authorization: users and sessions, commands to the service, requests to the web."""
+OPERATION_TESTS = (
+    "expired_commands",
+    "failure_reasons",
+    "fault_while_turning",
+    "frequency_contradicts",
+    "hold",
+    "misbehaving_drives",
+    "overspeed",
+    "setpoint_speed",
+    "standstill",
+    "start",
+    "start_preparation",
+    "stop",
+    "stop_port_lost",
+    "unlock",
+    "wait_at_speed",
+    "wrong_model",
+)
+"""Tests of single operations; the others of tests/drives play whole drives, a few seconds for each mutant."""
 REFERENCE_TESTS = [f"tests/verification/test_reference_{name}.py" for name in ("codecs", "comparison")]
 MUTATED_MODULES: list[tuple[list[str], list[str]]] = [
     (["drivebus.drives.permissives"], ["tests/drives/test_permissives.py"]),
-    (modules_of("drives/operations", "hold", "start", "stop"), ["tests/drives"]),
+    (
+        modules_of("drives/operations", "hold", "start", "stop"),
+        [f"tests/drives/test_{name}.py" for name in OPERATION_TESTS],
+    ),
     (
         modules_of("bus", "prepared_request", "scheduler", "transaction"),
         ["tests/bus"],
