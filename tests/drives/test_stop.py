@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from math import inf
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,9 +16,9 @@ from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, RetryP
 from drivebus.bus.station import Station
 from drivebus.drives import create_dialect
 from drivebus.drives.dialects.base import StopMode
-from drivebus.drives.operations.stop import STOP_PROGRESS_TIMEOUT_S, STOP_RESEND_INTERVAL_S, stop
+from drivebus.drives.operations.stop import STOP_PROGRESS_TIMEOUT_S, STOP_RESEND_INTERVAL_S, StopProgress, stop
 from drivebus.drives.outcome import OutcomeStatus
-from drivebus.drives.state import DriveState
+from drivebus.drives.state import DerivedState, DriveState
 from drivebus.errors import HeaderError, NoReply, StopUnconfirmed, Superseded
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.protocols import dzb100, modbus, sunfar
@@ -390,3 +392,77 @@ def test_a_rejected_stop_of_a_modbus_drive_counts_as_unanswered() -> None:
     outcome = running.run(stop(operation_for(running.dialect)))
     assert outcome.key == "drives.stop_rejected_running"
     assert "the drive rejected" in outcome.text("en") and "still reported running" in outcome.text("en")
+
+
+def progress_of(
+    *, transaction_s: float = inf, slowed_at: float | None = None, deceleration_s: float | None = None, drives: int = 1
+) -> tuple[Any, StopProgress]:
+    """Return an operation with this evidence, and the progress of its stop that began at 100 s."""
+    op: Any = SimpleNamespace(
+        age=SimpleNamespace(fastest_transaction_s=transaction_s),
+        drive=SimpleNamespace(deceleration_s=deceleration_s),
+        derived=DerivedState(DriveState.RUNNING),
+        last_deceleration_at=slowed_at,
+    )
+    return op, StopProgress(op, 100.0, drives)
+
+
+@pytest.mark.parametrize(
+    ("evidence", "deadline"),
+    [
+        ({}, 102.0),
+        ({"transaction_s": 0.01}, 102.0),
+        ({"transaction_s": 0.5}, 108.0),
+        ({"transaction_s": 0.05, "drives": 4}, 103.2),
+        ({"slowed_at": 110.0}, 112.0),
+        ({"slowed_at": 110.0, "transaction_s": 0.5}, 118.0),
+        ({"slowed_at": 300.0}, 220.0),
+        ({"deceleration_s": 20.0}, 122.0),
+        ({"deceleration_s": 20.0, "slowed_at": 110.0}, 122.0),
+        ({"deceleration_s": 20.0, "slowed_at": 121.0}, 123.0),
+        ({"deceleration_s": 300.0}, 402.0),
+        ({"deceleration_s": 300.0, "slowed_at": 500.0}, 402.0),
+    ],
+)
+def test_a_stop_has_the_time_of_its_ramp_its_bus_and_its_progress_but_no_more(
+    evidence: dict[str, Any], deadline: float
+) -> None:
+    """A motor that never reaches 0 Hz is reported, and one with a long ramp is not reported too soon."""
+    assert progress_of(**evidence)[1].deadline == pytest.approx(deadline)
+
+
+@pytest.mark.parametrize("state", DriveState)
+@pytest.mark.parametrize("by_frequency", [False, True])
+def test_a_reported_deceleration_or_dc_braking_is_progress(state: DriveState, by_frequency: bool) -> None:
+    """A state that was derived from frequencies is none: they show each lower reading themselves."""
+    op, progress = progress_of()
+    op.derived = DerivedState(state, by_frequency=by_frequency)
+    slows = state in (DriveState.DECELERATING, DriveState.BRAKING) and not by_frequency
+    assert progress.update(105.0) is slows and progress.deadline == (107.0 if slows else 102.0)
+    assert progress.update(105.0) is False
+
+
+def test_a_lower_reading_is_progress_once() -> None:
+    op, progress = progress_of()
+    op.last_deceleration_at = 103.0
+    assert progress.update(104.0) is True and progress.update(105.0) is False
+
+
+def test_a_stop_that_another_operation_began_has_the_rest_of_its_time() -> None:
+    bus = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD))
+    op = operation_for(bus.dialect)
+    begun = StopProgress(op, bus.now)
+    bus.pass_time(1.5)
+    bus.run(stop(op, progress=begun))
+    assert STOP_PROGRESS_TIMEOUT_S < bus.now < STOP_PROGRESS_TIMEOUT_S + 0.5
+
+
+@pytest.mark.parametrize("started", [True, False])
+@pytest.mark.parametrize("confirmed", [True, False])
+def test_a_motor_that_was_started_may_run_until_its_stop_is_confirmed(started: bool, confirmed: bool) -> None:
+    """The error of a port that is lost meanwhile says so."""
+    bus = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, on_command=stops if confirmed else None))
+    op = operation_for(bus.dialect)
+    op.may_be_running = started
+    bus.run(stop(op))
+    assert op.may_be_running is (started and not confirmed)
