@@ -16,13 +16,22 @@ from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, RetryP
 from drivebus.bus.station import Station
 from drivebus.drives import create_dialect
 from drivebus.drives.dialects.base import StopMode
-from drivebus.drives.operations.stop import STOP_PROGRESS_TIMEOUT_S, STOP_RESEND_INTERVAL_S, StopProgress, stop
+from drivebus.drives.operations.context import OperationContext
+from drivebus.drives.operations.stop import (
+    STOP_PROGRESS_TIMEOUT_S,
+    STOP_RESEND_INTERVAL_S,
+    StopProgress,
+    send_stop,
+    stop,
+    unconfirmed_outcome,
+)
 from drivebus.drives.outcome import OutcomeStatus
-from drivebus.drives.state import DerivedState, DriveState
+from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveState
 from drivebus.errors import HeaderError, NoReply, StopUnconfirmed, Superseded
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.protocols.codec import Effect
+from drivebus.simulator.models.catalog import make_station
 from drivebus.simulator.motor import Motor
 from fixtures.drives import (
     SAFE_HZ,
@@ -140,6 +149,27 @@ def test_a_fault_or_an_uncharged_dc_bus_ends_a_stop_with_its_own_message(state: 
     assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.output_off")
 
 
+@pytest.mark.parametrize("confirms", [True, False])
+@pytest.mark.parametrize("state", [sunfar.SunfarState.FAULT, sunfar.SunfarState.NOT_READY, sunfar.SunfarState.STOPPED])
+def test_only_a_fault_or_an_uncharged_dc_bus_confirms_a_stop_against_its_dialect(
+    state: sunfar.SunfarState, confirms: bool
+) -> None:
+    """A motor at standstill whose last command was a start is not stopped; one without output is."""
+    bus = c320(FakeC320(state=state, fault_code=4))
+    bus.dialect.confirms_stop = lambda readings: confirms  # type: ignore[method-assign]
+    outcome = bus.run(stop(operation_for(bus.dialect)))
+    confirmed = confirms or state is not sunfar.SunfarState.STOPPED
+    assert (outcome.status is OutcomeStatus.CONFIRMED) is confirmed
+
+
+def test_a_model_without_a_run_status_is_confirmed_by_its_frequency_and_says_so() -> None:
+    dialect = create_dialect(profiles.load("huanyang_hy"), 1)
+    simulated = make_station("huanyang_hy", 1)
+    bus = PureBus(dialect=dialect, station=lambda request: simulated.handle_request(request, dialect.codec))
+    outcome = bus.run(stop(operation_for(dialect)))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.stop_confirmed_by_frequency")
+
+
 def test_an_emergency_stop_state_confirms_a_quick_stop() -> None:
     def quick(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
         assert request.operation is sunfar.SunfarOperation.EMERGENCY_STOP
@@ -168,11 +198,40 @@ def test_a_drive_that_slows_down_is_given_its_time() -> None:
     assert bus.now > 2 * STOP_PROGRESS_TIMEOUT_S
 
 
+def stop_intervals(bus: PureBus, op: OperationContext) -> list[float]:
+    """Stop the drive; return the times between the ends of its stops."""
+    times: list[float] = []
+    bus.on_request = lambda ask: times.append(bus.now) if isinstance(ask.request, sunfar.SunfarControl) else None
+    bus.run(stop(op))
+    return [later - earlier for earlier, later in pairwise(times)]
+
+
 def test_a_decelerating_drive_gets_the_stop_again_every_half_second() -> None:
     bus = c320(FakeC320(state=sunfar.SunfarState.DECELERATING_FORWARD))
-    bus.run(stop(operation_for(bus.dialect)))
-    times = [i for i, ask in enumerate(bus.requests) if isinstance(ask.request, sunfar.SunfarControl)]
-    assert len(times) > 100
+    intervals = stop_intervals(bus, operation_for(bus.dialect))
+    assert len(intervals) > 100
+    assert min(intervals) >= STOP_RESEND_INTERVAL_S == 0.5 and max(intervals) < STOP_RESEND_INTERVAL_S + 0.3
+
+
+def test_while_the_bus_holds_reads_back_an_earlier_state_confirms_no_stop() -> None:
+    """The stop is repeated each half second, and the fault that was read before it is no evidence."""
+    bus = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD))
+    bus.conditions = replace(bus.conditions, reads_wait_until=60.0)
+    op = operation_for(bus.dialect)
+    op.derived = DerivedState(DriveState.FAULT)
+    intervals = stop_intervals(bus, op)
+    assert bus.sent(sunfar.ReadMonitor) == [] and len(intervals) >= 3
+    assert min(intervals) >= STOP_RESEND_INTERVAL_S and max(intervals) < STOP_RESEND_INTERVAL_S + 0.15
+    outcome = unconfirmed_outcome(op)
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_no_reply")
+
+
+def test_only_the_reads_of_a_stop_give_up_where_the_bus_begins_to_hold_them_back() -> None:
+    bus = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
+    op, waits = operation_for(bus.dialect), []
+    bus.on_request = lambda ask: waits.append(op.waits_in_quarantine)
+    bus.run(stop(op))
+    assert waits[0] is True and set(waits[1:]) == {False} and op.waits_in_quarantine is True
 
 
 @pytest.mark.parametrize("model", ["c320", "df800"])
@@ -269,14 +328,38 @@ def test_without_waiting_an_answered_stop_is_unconfirmed() -> None:
     outcome = bus.run(stop(operation_for(bus.dialect), wait_confirmed=False))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_answered")
     assert len(bus.requests) == 1
+    silent = c320(FakeC320(silent=True))
+    outcome = silent.run(stop(operation_for(silent.dialect), wait_confirmed=False))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_unanswered")
 
 
 def test_a_stop_of_df800_is_sent_three_times_and_never_confirmed() -> None:
-    fake = FakeModbus()
-    bus = PureBus(dialect=dialect_for("df800"), station=fake)
+    fake, times = FakeModbus(), list[float]()
+    bus = PureBus(dialect=dialect_for("df800"), station=fake, on_request=lambda ask: times.append(bus.now))
     outcome = bus.run(stop(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.stop_acknowledged")
     assert fake.written == [(0x2000, 1)] * 3
+    assert times == pytest.approx([0.0, 0.08, 0.16]), "no read delays a stop that was answered"
+
+
+@pytest.mark.parametrize("answered", range(3))
+def test_a_df800_that_answers_one_of_its_stops_has_accepted_it(answered: int) -> None:
+    """Until then a read goes between them: the reply mirrors the stop, as an echo does."""
+
+    class AnswersOnce(FakeModbus):
+        stops = 0
+
+        def __call__(self, request: Any) -> Any:
+            if not isinstance(request, modbus.WriteRegister):
+                return super().__call__(request)
+            self.stops += 1
+            return super().__call__(request) if self.stops == answered + 1 else None
+
+    bus = PureBus(dialect=dialect_for("df800"), station=AnswersOnce())
+    outcome = bus.run(stop(operation_for(bus.dialect)))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.stop_acknowledged")
+    sent = [isinstance(ask.request, modbus.WriteRegister) for ask in bus.requests]
+    assert sent.count(True) == 3 and sent.count(False) == min(answered, 2)
 
 
 def test_a_silent_df800_is_unconfirmed() -> None:
@@ -395,7 +478,7 @@ def test_a_rejected_stop_of_a_modbus_drive_counts_as_unanswered() -> None:
 
 
 def progress_of(
-    *, transaction_s: float = inf, slowed_at: float | None = None, deceleration_s: float | None = None, drives: int = 1
+    *, transaction_s: float = inf, slowed_at: float | None = None, deceleration_s: float | None = None, **drives: int
 ) -> tuple[Any, StopProgress]:
     """Return an operation with this evidence, and the progress of its stop that began at 100 s."""
     op: Any = SimpleNamespace(
@@ -404,7 +487,7 @@ def progress_of(
         derived=DerivedState(DriveState.RUNNING),
         last_deceleration_at=slowed_at,
     )
-    return op, StopProgress(op, 100.0, drives)
+    return op, StopProgress(op, 100.0, **drives)
 
 
 @pytest.mark.parametrize(
@@ -466,3 +549,41 @@ def test_a_motor_that_was_started_may_run_until_its_stop_is_confirmed(started: b
     op.may_be_running = started
     bus.run(stop(op))
     assert op.may_be_running is (started and not confirmed)
+
+
+def test_an_unconfirmed_stop_shows_the_last_report_only_where_nothing_newer_was_found() -> None:
+    bus = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD))
+    op = operation_for(bus.dialect)
+    bus.run(stop(op))
+    for derived, shown in (
+        (STATE_NOT_READ, DriveState.RUNNING),
+        (DerivedState(DriveState.UNKNOWN, reason="drives.no_answer"), DriveState.UNKNOWN),
+    ):
+        op.derived = derived
+        status = unconfirmed_outcome(op).drive_status
+        assert status is not None and status.state is shown
+
+
+def test_a_stop_that_was_sent_is_not_reported_as_waiting_for_the_model() -> None:
+    op = operation_for(create_dialect(profiles.load("gd10"), 1))
+    op.stop_awaits_model = True
+    assert unconfirmed_outcome(op).key == "drives.stop_awaits_model"
+    op.stops_sent = 1
+    assert unconfirmed_outcome(op).key == "drives.stop_no_reply"
+
+
+def test_a_stop_is_not_reported_as_waiting_for_the_model_that_was_read() -> None:
+    """The model has answered, and the stop itself was not sent: the reason is another one."""
+    dialect = create_dialect(profiles.load("gd10"), 1)
+    simulated = make_station("gd10", 1)
+    bus = PureBus(dialect=dialect, station=lambda request: simulated.handle_request(request, dialect.codec))
+    op = operation_for(dialect)
+    assert bus.run(send_stop(op, StopMode.STOP)) is True and not op.stop_awaits_model
+
+
+def test_a_stop_that_is_withheld_counts_as_not_accepted() -> None:
+    dialect = create_dialect(profiles.load("gd10"), 1)
+    bus = PureBus(dialect=dialect, station=lambda request: None)
+    op = operation_for(dialect)
+    assert bus.run(send_stop(op, StopMode.STOP)) is False
+    assert op.withheld_stop is not None and not op.stop_awaits_model and bus.effects() == []

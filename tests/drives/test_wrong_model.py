@@ -127,6 +127,20 @@ def test_a_silent_station_is_sent_the_stop_where_its_model_was_made_ready_to_sta
     run(scenario())
 
 
+def test_a_station_that_answers_as_another_model_is_sent_no_stop_although_its_model_was_there_before() -> None:
+    """The drive was exchanged for another make while this program was off: its stop may start the new one."""
+
+    async def scenario() -> None:
+        async with foreign_drive("gd10", "eds800") as (drive, station):
+            drive._runner.drive.was_this_model = True
+            with pytest.raises(StopUnconfirmed) as caught:
+                await drive.stop()
+            assert caught.value.outcome.key == "drives.stop_withheld"
+            assert station.command == 0 and not station.motor.energised
+
+    run(scenario())
+
+
 @pytest.mark.parametrize("assumed", [False, True])
 def test_a_first_stop_that_still_waits_for_the_model_says_so_and_is_sent_after_it(assumed: bool) -> None:
     """The bus holds the read back for 5 s after unanswered ones. The outcome named the turn on the bus instead."""
