@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -13,10 +14,11 @@ import pytest
 from drivebus import profiles
 from drivebus.drives import Drive, create_dialect, stop_bus
 from drivebus.drives.dialects.base import StopMode
+from drivebus.drives.operations.context import CommandAge, OperationContext
 from drivebus.drives.operations.hold import hold_ramp, pause
 from drivebus.drives.operations.jog import begin_jog
 from drivebus.drives.operations.preflight import ensure_preflight
-from drivebus.drives.operations.start import run
+from drivebus.drives.operations.start import COMMAND_SETTLE_S, START_CONFIRM_TIMEOUT_S, run
 from drivebus.drives.operations.stop import stop
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import Direction, DriveState
@@ -527,3 +529,139 @@ def test_a_start_during_a_slow_ramp_to_the_pause_is_no_overspeed() -> None:
             assert (await drive.run(20.0, wait=True, timeout_s=600.0)).succeeded
 
     run_virtual(played())
+
+
+class Rejects(FakeModbus):
+    """Rejects every write of these words to the command register."""
+
+    words: tuple[int, ...] = ()
+
+    def __call__(self, request: Any) -> Any:
+        if isinstance(request, modbus.WriteRegister) and request.value in self.words:
+            return modbus.ExceptionReply(1, 6, 6)
+        return super().__call__(request)
+
+
+def held_bus(station: FakeModbus) -> PureBus:
+    """Return a bus with a VC660 that runs forward, with its command source set."""
+    station.registers |= {STATUS: 0x0009, 0x0001: 4}
+    return PureBus(dialect=dialect_for("vc660"), station=station)
+
+
+def test_the_pause_of_a_paused_motor_is_confirmed_without_a_frame() -> None:
+    bus = held_bus(FakeModbus())
+    bus.station.registers[STATUS] = 0x0029  # type: ignore[attr-defined]
+    outcome = bus.run(pause(operation_for(bus.dialect)))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.paused") and not bus.effects()
+
+
+@pytest.mark.parametrize("operation", [pause, lambda op: hold_ramp(op, 1.0)], ids=["pause", "ramp hold"])
+def test_a_rejected_pause_or_ramp_hold_is_reported_at_once_and_not_repeated(operation: Any) -> None:
+    bus = held_bus(Rejects())
+    bus.station.words = (0x0080, 0x0100)  # type: ignore[attr-defined]
+    op = operation_for(bus.dialect)
+    outcome = bus.run(operation(op))
+    assert outcome.status is OutcomeStatus.REFUSED and len(bus.sent(modbus.WriteRegister)) == 1
+    assert op.age.checks_started_at == 0.0, "slow checks end before the frame: the clock began with them"
+
+
+def test_a_motor_that_stopped_instead_of_pausing_is_reported_at_once() -> None:
+    station = FakeModbus()
+    bus = held_bus(station)
+    bus.on_request = lambda ask: station.registers.update({STATUS: 0x0001}) if bus.effects() else None
+    outcome = bus.run(pause(operation_for(bus.dialect)))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_paused")
+    assert outcome.params["state"] is DriveState.STOPPED and bus.now < 1.0
+
+
+def test_a_drive_has_three_seconds_to_report_a_pause_and_a_moment_before_the_first_read() -> None:
+    times: list[float] = []
+    bus = held_bus(FakeModbus())
+    bus.on_request = lambda ask: times.append(bus.now) if bus.effects() else None
+    assert bus.run(pause(operation_for(bus.dialect))).key == "drives.not_paused"
+    assert START_CONFIRM_TIMEOUT_S < bus.now < START_CONFIRM_TIMEOUT_S + 0.5
+    assert times[1] - times[0] >= COMMAND_SETTLE_S
+
+
+def test_a_pause_after_which_the_readings_contradict_each_other_is_unknown() -> None:
+    station = FakeModbus()
+    bus = held_bus(station)
+
+    def flips(ask: Any) -> None:
+        if bus.effects() and isinstance(ask.request, modbus.ReadRegisters) and ask.request.register == STATUS:
+            station.registers[STATUS] ^= 0x0008
+
+    bus.on_request = flips
+    outcome = bus.run(pause(operation_for(bus.dialect)))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.pause_unknown")
+
+
+def test_no_ramp_is_held_of_a_motor_that_stopped_during_the_checks() -> None:
+    """The pre-flight check reads parameters for a while: the state before it is no longer evidence."""
+    station = FakeModbus()
+    bus = held_bus(station)
+
+    def stops(ask: Any) -> None:
+        if isinstance(ask.request, modbus.ReadRegisters) and ask.request.register < 0x1000:
+            station.registers[STATUS] = 0x0001
+
+    bus.on_request = stops
+    with pytest.raises(StartInhibited):
+        bus.run(hold_ramp(operation_for(bus.dialect), 1.0))
+    assert not bus.effects()
+
+
+def test_no_ramp_is_held_at_a_frequency_that_was_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may be above the limits of the user."""
+    bus = held_bus(FakeModbus())
+    monkeypatch.setattr(OperationContext, "output_hz", lambda op: None)
+    with pytest.raises(StartInhibited):
+        bus.run(hold_ramp(operation_for(bus.dialect), 1.0))
+    assert not bus.effects()
+
+
+@pytest.mark.parametrize("seconds", [0.15, 5.0])
+def test_a_ramp_hold_ends_in_time_and_reads_the_state_five_times_a_second_until_then(seconds: float) -> None:
+    begun: list[float] = []
+    bus = held_bus(FakeModbus())
+    bus.on_request = lambda ask: begun.append(bus.now) if bus.effects() else None
+    outcome = bus.run(hold_ramp(operation_for(bus.dialect), seconds))
+    assert outcome.key == "drives.ramp_held"
+    assert seconds <= begun[-1] - begun[0] < seconds + 0.2
+    pauses = [later - earlier - bus.transaction_s for earlier, later in pairwise(begun)]
+    waits = [each for each in pauses if each > 0.01]
+    assert max(waits) == pytest.approx(min(0.2, seconds - 4 * bus.transaction_s), abs=0.1)
+    assert len(waits) == (1 if seconds < 1.0 else pytest.approx(seconds / 0.29, abs=4))
+
+
+def test_the_end_of_a_ramp_hold_does_not_expire_with_its_request() -> None:
+    """A hold of five seconds outlives the two seconds of a command; a stop would follow."""
+    bus = held_bus(FakeModbus())
+    op = operation_for(bus.dialect)
+    op.age = CommandAge(requested_at=0.0, checks_started_at=None)
+    outcome = bus.run(hold_ramp(op, 5.0))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.ramp_held")
+    assert [one.value for one in bus.sent(modbus.WriteRegister)] == [0x0100, 0x0000]
+
+
+def test_a_ramp_hold_whose_end_the_drive_rejects_is_ended_by_a_stop() -> None:
+    bus = held_bus(Rejects())
+    bus.station.words = (0x0000,)  # type: ignore[attr-defined]
+    outcome = bus.run(hold_ramp(operation_for(bus.dialect), 1.0))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.ramp_hold_unknown")
+    assert any(one.value & 0x0002 for one in bus.sent(modbus.WriteRegister))
+
+
+def test_a_ramp_hold_whose_end_the_bus_forbids_is_ended_by_a_stop() -> None:
+    """A start inhibit during the hold withholds every motion: the motor would be held for ever."""
+    bus = held_bus(FakeModbus())
+
+    def inhibits(ask: Any) -> None:
+        if bus.effects():
+            bus.conditions = replace(bus.conditions, start_inhibited=True)
+
+    bus.on_request = inhibits
+    outcome = bus.run(hold_ramp(operation_for(bus.dialect), 1.0))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.ramp_hold_unknown")
+    words = [one.value for one in bus.sent(modbus.WriteRegister)]
+    assert words[0] == 0x0100 and words[1] & 0x0002
