@@ -149,7 +149,8 @@ def test_a_start_begins_at_standstill_and_nowhere_else(state: DriveState) -> Non
 def test_a_run_is_resumed_from_a_pause_and_from_no_other_state(state: DriveState) -> None:
     """At standstill the same word would start a motor that was stopped since the pause."""
     resume = DriveCommand("x", CommandKind.RESUME, 10.0, 3)
-    request_permit(resume, evidence=replace(STANDSTILL, derived=DerivedState(DriveState.PAUSED)))
+    paused = replace(STANDSTILL, derived=DerivedState(DriveState.PAUSED), motion_seen=True)
+    assert request_permit(resume, evidence=paused).effect is Effect.MOTION, "it turned when the command began"
     key = "drives.state_not_known" if state is DriveState.UNKNOWN else "drives.state_forbids"
     check_withheld(StartInhibited, key, command=resume, evidence=replace(STANDSTILL, derived=DerivedState(state)))
 
@@ -302,7 +303,7 @@ RUNNING = [DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING]
 def test_a_setpoint_or_ramp_hold_whose_frame_moves_only_changes_a_run(kind: CommandKind, state: DriveState) -> None:
     """DZB100's setpoint is a run frame: at standstill it would start the motor."""
     command = DriveCommand("x", kind, 10.0, 3)
-    evidence = replace(STANDSTILL, derived=DerivedState(state))
+    evidence = replace(STANDSTILL, derived=DerivedState(state), motion_seen=True)
     if state in RUNNING:
         request_permit(command, evidence=evidence)
     else:
