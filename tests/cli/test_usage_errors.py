@@ -353,8 +353,8 @@ def test_the_whole_command_of_a_stop_has_no_word_with_which_it_would_be_refused(
     ("words", "remedy"),
     [
         ("plant.toml", "`drivebus stop --all plant.toml`"),
-        ("--group fans", "add --service URL"),
-        ("--drive fan-1", "add --service URL"),
+        ("--group fans", "such as --service"),
+        ("--drive fan-1", "such as --service"),
         ("--directory folder", "--directory needs --all"),
     ],
 )

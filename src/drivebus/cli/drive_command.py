@@ -38,7 +38,14 @@ class RemoteCommand(CliCommand):
         ctx.meta[_SERVICE_GIVEN] = any(word == "--service" or word.startswith("--service=") for word in own)
         if not ctx.resilient_parsing:
             self._check_port(ctx, args)
-        return super().parse_args(ctx, args)
+        try:
+            return super().parse_args(ctx, args)
+        except click.MissingParameter:
+            if not ctx.meta[_SERVICE_GIVEN]:  # a drive or group of a service needs no port, model or address
+                for name in ("group", "drive"):
+                    if ctx.params.get(name) is not None:
+                        raise ConfigurationError(f"service.{name}_alone") from None
+            raise
 
     def _check_port(self, ctx: click.Context, args: list[str]) -> None:
         """Raise UsageError where a port does not stand first, or is given beside ``--service``, which replaces it.

@@ -202,8 +202,6 @@ def _missing_hint(error: click.MissingParameter) -> str | None:
     """Return the key of the sentence that says where a missing value is found; None without one."""
     name = error.param.name if error.param is not None else ""
     names = {param.name for param in error.ctx.command.params} if error.ctx is not None else set()
-    if name in _PORT_ARGUMENTS and error.ctx is not None and error.ctx.params.get("drive"):
-        return "cli.missing.service_of_drive"
     if name == "model" and not names & _PORT_ARGUMENTS:
         return "cli.missing.simulated_model"
     key = f"cli.missing.{'port' if name in _PORT_ARGUMENTS else 'address' if name == 'addresses' else name}"
