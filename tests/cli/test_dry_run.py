@@ -88,7 +88,21 @@ def test_a_dry_run_prints_the_bytes_of_the_vector(vector_id: str, words: tuple[s
 def test_a_dry_run_of_a_pause_and_of_a_ramp_hold_prints_their_levels() -> None:
     vc660 = ("--model", "vc660", "--address", "1")
     assert frames("pause", *vc660)[-1].startswith("01 06 20 00 00 80")
-    assert [one[:17] for one in frames("hold-ramp", *vc660, "5")[-2:]] == ["01 06 20 00 01 00", "01 06 20 00 00 00"]
+    assert [one[:17] for one in frames("hold-ramp", *vc660, "5")[2:4]] == ["01 06 20 00 01 00", "01 06 20 00 00 00"]
+
+
+def test_a_dry_run_of_a_ramp_hold_shows_the_checks_before_it_and_the_stop_that_may_end_it() -> None:
+    vc660 = ("--model", "vc660", "--address", "1")
+    checked = frames("run", *vc660, "--frequency", "10")[:2]
+    planned = frames("hold-ramp", *vc660, "5")
+    assert sorted(planned[:2]) == sorted(checked)
+    assert planned[4:] == frames("stop", *vc660)
+
+
+def test_a_dry_run_of_a_start_shows_the_reads_of_the_ramp_times() -> None:
+    df800 = ("--model", "df800", "--address", "1", "--frequency", "10")
+    purposes = [frame["purpose"] for frame in dry("run", *df800)["frames"]]
+    assert purposes.count(i18n.text("dry.ramp_times", "en")) == 2
 
 
 def test_a_planned_frame_has_its_reply_length_and_its_time_on_the_bus() -> None:

@@ -163,6 +163,20 @@ class DryRun:
             self.add("model_check", (check,))
         return check is not None
 
+    def add_preflight(self) -> None:
+        """Add the reads of the pre-flight check: model, preconditions, maximum frequency and ramp times."""
+        profile, share = self.dialect.profile, self.dialect.profile.setpoint_share
+        names = [one.notation for one in profile.preconditions]
+        names += [share.maximum] if share is not None and share.maximum is not None else []
+        if profile.identity_codes is not None:
+            self.add("identity", self.dialect.identity_reads())
+        self.add("preflight", self._parameter_reads(names))
+        self.add("ramp_times", self._parameter_reads(profile.ramp_notations or ()))
+
+    def _parameter_reads(self, notations: Iterable[str]) -> list[Any]:
+        wanted = [self.dialect.profile.parameters.get(notation) for notation in notations]
+        return [self.dialect.read_parameter(one) for one in wanted if one is not None and one.readable]
+
     def add_start_preparation(self) -> None:
         """Add the unlock and the words that the model may need before a start, each once, with a note."""
         commands = self.dialect.profile.commands

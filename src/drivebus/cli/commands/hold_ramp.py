@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import TYPE_CHECKING
 
 from drivebus.cli import connect, options, output
@@ -19,22 +20,28 @@ async def _hold(target: Target, seconds: float) -> ExitCode:
 
     with output.continue_without_output(), shutdown_signals(may_suspend=False) as shutdown:
         async with connect.open_drive(target) as (bus, drive):
+            output.print_message("hold_ramp.how", seconds=seconds)
             outcome = await shutdown.interruptible(drive.hold_ramp(seconds))
             if outcome is None:
-                print_outcome(await drive.stop(), bus.now())
-                return ExitCode.INTERRUPTED
+                stopping = asyncio.ensure_future(drive.stop())
+                await asyncio.sleep(0)  # nothing is printed before the stop is sent
+                output.print_message("run.stopping")
+                stopped = print_outcome(await stopping, bus.now())
+                return ExitCode.INTERRUPTED if stopped is ExitCode.DONE else stopped
             return print_outcome(outcome, bus.now())
 
 
 def _plan(dry: DryRun, seconds: float) -> ExitCode:
-    from drivebus.drives.dialects.base import Hold
+    from drivebus.drives.dialects.base import Hold, StopMode
     from drivebus.drives.operations.hold import check_ramp_hold
 
     check_ramp_hold(dry.drive, seconds)
     dry.add("state", dry.dialect.state_reads())
+    dry.add_preflight()
     dry.add("hold_ramp", [dry.dialect.hold(Hold.RAMP).request])
     dry.add("end_hold", [dry.dialect.end_hold().request])
-    return dry.print("dry.note.confirm")
+    dry.add("stop", dry.dialect.stop(StopMode.STOP))
+    return dry.print("dry.note.hold", "dry.note.fewer", "dry.note.confirm")
 
 
 command = drive_command(

@@ -237,11 +237,7 @@ def _plan(dry: DryRun, frequency: float, reverse: bool, wait: bool, detach: bool
 
     dialect, direction = dry.dialect, _direction(reverse)
     dry.check_then_assume_scale(lambda: check_run(dry.drive, frequency, direction, will_wait=wait))
-    share = dialect.profile.setpoint_share
-    names = [one.notation for one in dialect.profile.preconditions]
-    names += [share.maximum] if share is not None and share.maximum is not None else []
-    wanted = [dialect.profile.parameters.get(name) for name in names]
-    dry.add("preflight", [dialect.read_parameter(one) for one in wanted if one is not None and one.readable])
+    dry.add_preflight()
     dry.add("state", dialect.state_reads())
     dry.add_start_preparation()
     for purpose, frames in start_frames(dialect, frequency, direction):
