@@ -97,6 +97,19 @@ def test_a_speed_that_no_longer_approaches_is_not_waited_for(held_at_s: float) -
     assert caught.value.params["limit_s"] == pytest.approx(bus.now, abs=1.0)
 
 
+def test_a_motor_that_only_passes_the_frequency_is_not_there() -> None:
+    """A drive without a state of its own for a ramp reports "running" on its way to another frequency too."""
+    fake = FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, output=1000)
+    bus, op = waiting(fake)
+
+    def pass_by(status: DriveStatus) -> None:
+        fake.output = 2000
+
+    with pytest.raises(TargetNotReached) as caught:
+        bus.run(wait_at_speed(op, 10.0, STARTED, 2.0, None, pass_by))
+    assert caught.value.params["found_hz"] == 20.0
+
+
 def test_every_status_that_is_read_while_waiting_is_reported_as_progress() -> None:
     bus, op = waiting(FakeC320(state=sunfar.SunfarState.ACCELERATING_FORWARD, output=500))
     shown: list[Any] = []
