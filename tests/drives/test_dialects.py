@@ -173,7 +173,7 @@ def test_vc660_names_every_fault_bit_and_says_so_where_it_names_none() -> None:
     two = derived_vc660(0x0002, 0x0002, faults=(0x0021, 0))
     assert two == DerivedState(DriveState.FAULT, None, 0, further_fault_codes=(5,))
     fault = reported_fault(profiles.load("vc660"), two)
-    assert fault is not None and fault.text.en.startswith("under-voltage; fault bit 5 ")
+    assert fault is not None and fault.text.en.startswith("under-voltage; bit 5 of ")
     assert reported_fault(profiles.load("vc660"), DerivedState(DriveState.STOPPED)) is None
 
 
@@ -261,6 +261,13 @@ def test_a_rejected_read_has_the_meaning_of_its_exception(code: int | None, reas
     dialect: Any = dialect_for("vc660")
     request = modbus.ReadRegisters(1, 0x3000, 1)
     assert dialect.decode_readings(request, modbus.ExceptionReply(1, 3, code), 0.0)["state"].reason == reason
+
+
+@pytest.mark.parametrize(("language", "words"), [("en", ("check", "compare", "look")), ("zh", ("请",))])
+@pytest.mark.parametrize("code", [1, 2, 3, 4])
+def test_a_documented_modbus_exception_names_the_next_step(code: int, language: str, words: tuple[str, ...]) -> None:
+    _, _, step = i18n.text(f"drives.modbus_exception_{code}", language).partition(str(code))
+    assert any(word in step for word in words)
 
 
 SUNFAR_REJECTIONS = {

@@ -11,13 +11,16 @@ from typing import Any
 
 import pytest
 
-from drivebus import i18n
+from drivebus import i18n, profiles
 from drivebus.drives import MemoryStore
+from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE, reported_fault
+from drivebus.drives.state import DerivedState, DriveState
 from drivebus.errors import AuditUnavailable, ControlNotHeld, DrivebusError, ServiceError, Superseded, WaiverRequired
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import BusConfig, DriveConfig, PlantConfig
 from drivebus.service.control.comm_loss_record import CommLossRecord
+from drivebus.service.control.comm_loss_test import _short_name
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
@@ -110,6 +113,13 @@ def test_a_drive_that_trips_in_the_silence_needs_no_waiver() -> None:
             assert kit.trail.outcomes("comm_loss.test") == ["requested", "confirmed"]
 
     run(scenario())
+
+
+def test_a_trip_is_recorded_by_its_code_where_the_keypad_shows_no_label() -> None:
+    vc660, c320 = profiles.load("vc660"), profiles.load("c320")
+    found = [reported_fault(vc660, DerivedState(DriveState.FAULT, None, code)) for code in (17, UNNAMED_FAULT_CODE)]
+    found += [reported_fault(c320, DerivedState(DriveState.FAULT, None, 17)), None]
+    assert [_short_name(fault) for fault in found] == ["17", "", "Fu.17", None]
 
 
 def test_a_drive_that_keeps_running_is_stopped_and_still_needs_a_waiver() -> None:

@@ -13,7 +13,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from drivebus.commissioning.acceptance import COMM_LOSS_MARGIN_S, UNKNOWN_COMM_LOSS_S
-from drivebus.drives.state import DriveState, DriveStatus
+from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
+from drivebus.drives.state import DriveState, DriveStatus, Fault
 from drivebus.errors import (
     DrivebusError,
     ServiceError,
@@ -200,7 +201,7 @@ class CommLossTests:
             port=self.plant.bus_of(runtime).config.port,
             address=runtime.config.address,
             parameters=parameters,
-            fault=None if status.fault is None else status.fault.label,
+            fault=_short_name(status.fault),
         )
 
     def _check_goes_on(self, test: ActiveTest) -> None:
@@ -288,3 +289,10 @@ def _result_of(first: DriveStatus, last: DriveStatus) -> CommLossResult:
         return CommLossResult.TRIPS
     stops = last.state.output_off and not first.state.driven
     return CommLossResult.STOPS if stops else CommLossResult.RUNS_ON
+
+
+def _short_name(fault: Fault | None) -> str | None:
+    """Return the label of a fault, else its code; empty where the drive names neither, None without a fault."""
+    if fault is None:
+        return None
+    return fault.label or ("" if fault.code == UNNAMED_FAULT_CODE else str(fault.code))
