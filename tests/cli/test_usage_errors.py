@@ -65,6 +65,24 @@ def test_the_error_of_an_invalid_number_has_the_allowed_range(
     assert (result.exit_code, message in result.output) == (2, True), result.output
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize(
+    ("line", "step"),
+    [
+        ("models vc660", "`drivebus models --search vc660`"),
+        ("hold-ramp sim://vc660@1 --model vc660 --address 1", "`drivebus hold-ramp PORT 5`"),
+        ("run sim://vc660@1 --model vc660 --address 1 --frequency 60 --detach", "add-a-profile"),
+    ],
+)
+def test_a_refusal_names_the_next_step(line: str, step: str, language: str) -> None:
+    assert step in run_words(shlex.split(line), language).output.replace("\n", " ")
+
+
+def test_a_ramp_hold_that_the_model_lacks_is_not_announced() -> None:
+    output = run_words(shlex.split("hold-ramp sim://c320@1 --model c320 --address 1 5")).output
+    assert "Ctrl-C" not in output and "c320" in output
+
+
 @pytest.mark.parametrize(
     ("language", "message"),
     [("en", "the command takes no further argument: {}\n"), ("zh", "该命令不再接受其他参数：{}\n")],

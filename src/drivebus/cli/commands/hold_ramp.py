@@ -17,10 +17,12 @@ if TYPE_CHECKING:
 
 async def _hold(target: Target, seconds: float) -> ExitCode:
     from drivebus.cli.signals import shutdown_signals
+    from drivebus.drives.dialects.base import Hold
 
     with output.continue_without_output(), shutdown_signals(may_suspend=False) as shutdown:
         async with connect.open_drive(target) as (bus, drive):
-            output.print_message("hold_ramp.how", seconds=seconds)
+            if Hold.RAMP.value in drive.profile.capabilities:  # else the command is refused
+                output.print_message("hold_ramp.how", seconds=seconds)
             outcome = await shutdown.interruptible(drive.hold_ramp(seconds))
             if outcome is None:
                 stopping = asyncio.ensure_future(drive.stop())
