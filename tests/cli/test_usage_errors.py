@@ -72,10 +72,23 @@ def test_the_error_of_an_invalid_number_has_the_allowed_range(
         ("models vc660", "`drivebus models --search vc660`"),
         ("hold-ramp sim://vc660@1 --model vc660 --address 1", "`drivebus hold-ramp PORT 5`"),
         ("run sim://vc660@1 --model vc660 --address 1 --frequency 60 --detach", "add-a-profile"),
+        ("decode --model vc660", "`drivebus decode --model vc660 01 "),
+        ("completion", "`drivebus completion bash`"),
+        ("status http://127.0.0.1:8080 --model c320 --address 1", "--service http://127.0.0.1:8080 --drive NAME"),
+        ("status https://drives --model c320 --address 1", "--service https://drives --drive NAME"),
     ],
 )
 def test_a_refusal_names_the_next_step(line: str, step: str, language: str) -> None:
     assert step in run_words(shlex.split(line), language).output.replace("\n", " ")
+
+
+@pytest.mark.parametrize("line", ["check none.toml", "status sim://c320@1 --model ./none.toml --address 1"])
+def test_a_file_that_does_not_exist_is_not_called_found(
+    line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    output = run_words(shlex.split(line), "en").output
+    assert "no such file: - found" in output and '"none.toml" found' not in output, output
 
 
 def test_a_ramp_hold_that_the_model_lacks_is_not_announced() -> None:
@@ -174,7 +187,7 @@ def test_two_different_passwords_are_prompted_for_again_in_the_users_language(
 
 
 FILES = [
-    ("check none.toml", 'none.toml：文件不存在：实际为 "none.toml"'),
+    ("check none.toml", 'none.toml：文件不存在：实际为 -'),
     ("serve none.toml", "none.toml：文件不存在"),
     ("init --answers none.toml", "none.toml：文件不存在"),
     ("init --answers invalid.toml", "invalid.toml:2：不是有效的 TOML"),

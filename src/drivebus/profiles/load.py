@@ -154,7 +154,7 @@ def _find_file(model: str | Path, beside: Path | None = None) -> Path:
         if path.is_dir():
             raise _single_error(path, unreadable_issue(IsADirectoryError(errno.EISDIR, "")))
         if not path.is_file():
-            raise _single_error(path, issue("no_file", (), name))
+            raise _single_error(path, issue("no_file", (), None))
         return path.resolve()
     shipped, own = _file_in_any_case(name, _builtin_files()) or _file_in_any_case(name, _family_files()), None
     with suppress(ProfileError) if shipped else nullcontext():

@@ -72,7 +72,7 @@ def loads(
 def unreadable_file_diagnostic(path: str, error: OSError) -> Diagnostic:
     """Return the diagnostic of a file that cannot be read."""
     missing = isinstance(error, FileNotFoundError)
-    found = issue("no_file", (), path) if missing else unreadable_issue(error)
+    found = issue("no_file", (), None) if missing else unreadable_issue(error)
     return to_diagnostic(found, path, None, CATALOGUE)
 
 
