@@ -72,6 +72,8 @@ def test_the_error_of_an_invalid_number_has_the_allowed_range(
         ("models vc660", "`drivebus models --search vc660`"),
         ("hold-ramp sim://vc660@1 --model vc660 --address 1", "`drivebus hold-ramp PORT 5`"),
         ("run sim://vc660@1 --model vc660 --address 1 --frequency 60 --detach", "add-a-profile"),
+        ("hold-ramp sim://vc660@1 --model vc660 --address 1 1", "`drivebus run`"),
+        ("pause sim://vc660@1 --model vc660 --address 1", "`drivebus run`"),
         ("decode --model vc660", "`drivebus decode --model vc660 01 "),
         ("completion", "`drivebus completion bash`"),
         ("status http://127.0.0.1:8080 --model c320 --address 1", "--service http://127.0.0.1:8080 --drive NAME"),
@@ -187,7 +189,7 @@ def test_two_different_passwords_are_prompted_for_again_in_the_users_language(
 
 
 FILES = [
-    ("check none.toml", 'none.toml：文件不存在：实际为 -'),
+    ("check none.toml", "none.toml：文件不存在：实际为 -"),
     ("serve none.toml", "none.toml：文件不存在"),
     ("init --answers none.toml", "none.toml：文件不存在"),
     ("init --answers invalid.toml", "invalid.toml:2：不是有效的 TOML"),

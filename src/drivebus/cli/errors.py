@@ -43,6 +43,8 @@ _HINTS_OF_VALUES = {
     ("drives.cannot", "coast"): "hint.drives.cannot_coast",
     ("drives.cannot", "quick_stop"): "hint.drives.cannot_quick_stop",
     ("drives.state_forbids", "fault"): "hint.drives.state_forbids_fault",
+    ("drives.state_forbids", "paused"): "hint.drives.state_forbids_paused",
+    ("drives.state_forbids", "stopped"): "hint.drives.state_forbids_stopped",
     ("ports.scheme", "http"): "hint.ports.scheme_http",
     ("ports.scheme", "https"): "hint.ports.scheme_http",
 }
