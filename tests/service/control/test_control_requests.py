@@ -118,6 +118,7 @@ def test_the_same_user_answers_from_a_second_terminal_on_the_local_socket_and_no
             leases.require_answerable("a", other, 1.0)
     with pytest.raises(ControlNotHeld):
         leases.require("a", second, 1.0)  # it answers, but commands nothing
+    assert leases.require_answerable("a", second, 1.0) is leases.get("a", 1.0) is not None
     leases.hand_over("a", second, BOB, 1.0)
     with pytest.raises(ControlNotHeld):
         leases.require_answerable("a", second, 1.0)

@@ -6,7 +6,14 @@ import pytest
 
 from drivebus.errors import ArmRequired, ControlNotHeld
 from drivebus.service.auth.rights import Role
-from drivebus.service.control.leases import ARM_TTL_S, LEASE_TTL_S, MAX_ARM_TOKENS, ArmTokens, ControlLeases
+from drivebus.service.control.leases import (
+    ARM_TTL_S,
+    LEASE_TTL_S,
+    MAX_ARM_TOKENS,
+    ArmTokens,
+    ControlLeases,
+    arm_target_of_test,
+)
 from drivebus.service.live.views import LeaseObject
 from drivebus.service.runtime.utc_clock import UtcClock
 from fixtures.service import LOCAL, remote_actor
@@ -126,10 +133,25 @@ def test_a_stop_revokes_the_arm_tokens_of_its_drive_and_of_no_other() -> None:
     arms.consume(other, "b", ANN, 0.0)
 
 
-def test_arm_tokens_are_unique_and_limited_in_number() -> None:
+def test_a_token_for_the_test_of_one_drive_starts_neither_the_drive_nor_the_test_of_another() -> None:
+    arms = ArmTokens()
+    for other in ("a", "group:a", arm_target_of_test("b")):
+        with pytest.raises(ArmRequired):
+            arms.consume(arms.issue(arm_target_of_test("a"), ANN, 0.0), other, ANN, 0.0)
+    arms.consume(arms.issue(arm_target_of_test("a"), ANN, 0.0), arm_target_of_test("a"), ANN, 0.0)
+
+
+def test_a_further_arm_token_drops_only_those_that_are_over() -> None:
+    arms = ArmTokens()
+    last_moment = arms.issue("a", ANN, 0.0)
+    arms.issue("a", ANN, ARM_TTL_S)
+    arms.consume(last_moment, "a", ANN, ARM_TTL_S)
+
+
+def test_arm_tokens_are_unique_and_the_oldest_of_a_session_gives_way() -> None:
     arms = ArmTokens()
     words = [arms.issue("a", ANN, 0.0) for _ in range(2 * MAX_ARM_TOKENS)]
-    assert len(set(words)) == 2 * MAX_ARM_TOKENS and len(arms._tokens) == MAX_ARM_TOKENS
+    assert len(set(words)) == 2 * MAX_ARM_TOKENS and list(arms._tokens) == words[MAX_ARM_TOKENS:]
     arms.consume(words[-1], "a", ANN, 0.0)
 
 

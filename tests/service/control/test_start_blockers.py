@@ -44,6 +44,10 @@ def unwaived(kit: ServiceKit) -> None:
     kit.service.plant.drives["fan-1"].waiver = None
 
 
+def without_limits(kit: ServiceKit) -> None:
+    kit.service.plant.drives["fan-1"].limits_lost = True
+
+
 def unwritable(kit: ServiceKit) -> None:
     kit.trail.broken = True
 
@@ -62,6 +66,7 @@ BLOCKERS = {
     "drives.high_error_rate": unhealthy(damage_rate=0.5, damaged=100),
     "interlocks.violated": interlocked,
     "plant.waiver_needed": unwaived,
+    "plant.limits_lost": without_limits,
     "plant.audit_unavailable": unwritable,
 }
 
