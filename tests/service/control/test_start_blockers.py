@@ -13,7 +13,8 @@ from drivebus.errors import DrivebusError
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.protocols import sunfar
 from drivebus.service.config.model import InterlockConfig
-from drivebus.service.control.start_blockers import check_start, start_blockers_json
+from drivebus.service.control.comm_loss_record import CommLossRecord, CommLossResult
+from drivebus.service.control.start_blockers import check_start, start_blockers, start_blockers_json
 from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.live.views import CommLossView
 from drivebus.simulator.port import simulated_bus_of
@@ -169,5 +170,45 @@ def test_a_waiver_of_another_drive_is_named() -> None:
                 "tested (ann)", "c300", "sim://c300@1", 7
             )
             assert blocker_keys(kit) == ["plant.waiver_of_another"]
+
+    run(scenario())
+
+
+@pytest.mark.parametrize(
+    ("read", "key", "is_outdated"),
+    [
+        ({"F2.01": 1}, "plant.waiver_needed_tested", False),
+        ({"F2.01": 2}, "plant.waiver_needed", True),
+        (None, "plant.waiver_needed", False),
+    ],
+    ids=["as at the test", "changed since", "not known"],
+)
+def test_only_a_test_that_still_holds_makes_another_one_useless(
+    read: dict[str, int] | None, key: str, is_outdated: bool
+) -> None:
+    """After its parameters were changed the drive can be tested again instead of being waived."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            unwaived(kit)
+            drive = kit.service.plant.drives["fan-1"]
+            drive.comm_loss_read = CommLossView(kind="unknown", after_s=None, text=Text("why", "原因"))
+            drive.comm_loss_read_at, drive.comm_loss_stale, drive.comm_loss_values = 0.0, read is None, read or {}
+            drive.comm_loss_record = CommLossRecord(
+                result=CommLossResult.RUNS_ON,
+                silence_s=20.0,
+                time_ms=0,
+                user="ann",
+                model="c320",
+                port="sim://",
+                address=1,
+                parameters={"F2.01": 1},
+                fault=None,
+            )
+            assert blocker_keys(kit) == [key]
+            (error,) = start_blockers(kit.service.plant, drive)
+            text, params = drive.comm_loss.text, drive.comm_loss_record.message_params
+            outdated = bilingual_text("plant.comm_loss_test_outdated", **{"why": text} | params)
+            assert error.params["why"] == (outdated if is_outdated else text)
 
     run(scenario())
