@@ -14,7 +14,7 @@ from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.protocols import sunfar
 from drivebus.service.config.model import InterlockConfig
 from drivebus.service.control.comm_loss_record import CommLossRecord, CommLossResult
-from drivebus.service.control.start_blockers import check_start, start_blockers, start_blockers_json
+from drivebus.service.control.start_blockers import check_start, check_test_start, start_blockers, start_blockers_json
 from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.live.views import CommLossView
 from drivebus.simulator.port import simulated_bus_of
@@ -210,5 +210,23 @@ def test_only_a_test_that_still_holds_makes_another_one_useless(
             text, params = drive.comm_loss.text, drive.comm_loss_record.message_params
             outdated = bilingual_text("plant.comm_loss_test_outdated", **{"why": text} | params)
             assert error.params["why"] == (outdated if is_outdated else text)
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("key", [key for key in BLOCKERS if key != "plant.waiver_needed"])
+def test_a_communication_loss_test_is_rejected_by_every_start_blocker_but_a_missing_waiver(key: str) -> None:
+    """The test replaces the waiver; it moves the motor, so everything else that forbids a start forbids it."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            plant, drive = kit.service.plant, kit.service.plant.drives["fan-1"]
+            unwaived(kit)
+            check_test_start(plant, drive)
+            BLOCKERS[key](kit)
+            with pytest.raises(DrivebusError) as rejected:
+                check_test_start(plant, drive)
+            assert rejected.value.key == key
+            plant.state = "running"
 
     run(scenario())
