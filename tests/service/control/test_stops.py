@@ -522,6 +522,21 @@ def test_a_stopping_service_stops_a_drive_whose_ramp_it_holds(by_service: bool) 
     run(scenario())
 
 
+def test_a_service_that_ends_right_after_the_first_read_of_a_running_drive_stops_it() -> None:
+    """A killed service had started it; the supervision of this one has not had its turn since that read."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            station, runtime = kit.station("fan-1"), kit.service.plant.drives["fan-1"]
+            station.motor.run(20.0)
+            await asyncio.sleep(0.6)
+            assert runtime.status().state.turning and not runtime.state_was_known
+            assert [*await kit.service.stop()] == ["fan-1"]
+            assert station.motor.phase is OutputPhase.OFF
+
+    run(scenario())
+
+
 def test_a_stopping_service_reports_unconfirmed_stops_within_three_seconds() -> None:
     async def scenario() -> None:
         async with running_service() as kit:

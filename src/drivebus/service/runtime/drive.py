@@ -100,8 +100,9 @@ class DriveRuntime:
 
     @property
     def runs_for_service(self) -> bool:
-        """Started or adopted by this service, and not reported at standstill since."""
-        return self.started_by_service or self.adopted
+        """Started or adopted by this service, and not reported at standstill since; or found running just now."""
+        found_running = not self.state_was_known and self.status().state.turning
+        return self.started_by_service or self.adopted or found_running
 
     def end_motion(self) -> None:
         """Note that it stands still: what runs later is not this service's motion."""
