@@ -11,6 +11,7 @@ import pytest
 
 from drivebus import i18n, profiles
 from drivebus.bus.trace import TraceEvent, TraceKind
+from drivebus.cli.commands.decode import field_text
 from drivebus.commissioning.decode import labels
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.state import Direction
@@ -81,6 +82,19 @@ NAMES = {
     "command_name": {each.name.removesuffix("_2").lower() for each in COMMAND_BY_CODE.values()},
     "commands": set(typing.get_args(CommandName)),
 }
+
+
+@pytest.mark.parametrize(("register", "value"), [(0x2000, 1), (0x0002, 3000)])
+def test_a_word_on_the_page_has_the_notation_of_the_manuals_as_in_decode(register: int, value: int) -> None:
+    """Trap: the log shows register 8192, which no manual prints, and ``decode`` shows 2000H."""
+    data = modbus.ModbusRtuCodec().encode_request(modbus.WriteRegister(1, register, value))
+    words = ((register, "register"), (value, "value"))
+    for language in i18n.LANGUAGES:
+        shown = _decode(profiles.load("vc660"), data, True)[language]
+        for word, name in words:
+            label = i18n.text(f"decode.field.{name}", language)
+            assert f"{label} {word} ({word:04X}H)" in shown
+            assert field_text(name, word) == f"{word} ({word:04X}H)"
 
 
 @pytest.mark.parametrize("field", NAMES)

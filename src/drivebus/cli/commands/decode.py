@@ -95,9 +95,6 @@ def description_text(model: str, data: bytes, found: FrameDescription) -> str:
     return "\n".join(lines)
 
 
-_HEX_FIELDS = frozenset({"data", "register", "value", "raw", "word", "crc"})
-
-
 def _alternative_text(reading: Interpretation) -> str:
     fields = [
         output.text("decode.equals", name=field_label(one), value=field_text(one, each))
@@ -114,14 +111,12 @@ def field_label(name: str) -> str:
 
 
 def field_text(name: str, value: Any) -> str:
-    """Format the value of a field; raw words also in hexadecimal."""
+    """Format the value of a field."""
     from drivebus.commissioning.decode import labels
 
     label = labels.value_text(name, value, output.language())
     if label is not None:
         return label
-    if isinstance(value, int) and name in _HEX_FIELDS:
-        return f"{value} ({value:04X}H)"
     if isinstance(value, dict):
         pairs = [
             output.text("decode.pair", name=field_label(one), value=field_text(one, each))

@@ -7,6 +7,9 @@ from typing import Any
 from drivebus import i18n
 from drivebus.values import Text
 
+HEX_FIELDS = frozenset({"data", "register", "value", "raw", "word", "crc"})
+"""Fields that manuals print in hexadecimal."""
+
 
 def field_label(name: str, language: str) -> str:
     """Return the label of a field or of a coding (key of ``frequency_hz_by_coding``); else its JSON name."""
@@ -14,11 +17,13 @@ def field_label(name: str, language: str) -> str:
 
 
 def value_text(name: str, value: Any, language: str) -> str | None:
-    """Return the text of a truth value, command, state, response or signal; None for other values."""
+    """Return the text of a truth value, command, state, response, signal or raw word; None for other values."""
     if isinstance(value, bool) or value is None:
         return i18n.text(f"decode.{str(value).lower()}", language)
     if isinstance(value, Text):
         return str(getattr(value, language))
+    if isinstance(value, int) and name in HEX_FIELDS:
+        return f"{value} ({value:04X}H)"
     if not isinstance(value, str):
         return None
     if name.endswith("_name") or name == "commands":
