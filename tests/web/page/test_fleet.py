@@ -9,6 +9,7 @@ import pytest
 
 from drivebus import i18n
 from fixtures.browser import Stage
+from fixtures.browser_actions import expecting, trip
 
 
 def call(page: Any, module: str, expression: str) -> Any:
@@ -319,6 +320,17 @@ def test_error_rates_of_many_drives_are_one_sentence_with_their_range(
         items.append({"id": f"d{percent}", "key": "drives.high_error_rate", "params": params, "text": text})
     (found,) = call(scripts, "control/merge-sentences", f"m.mergeSentences({json.dumps(items)})")
     assert expected in found["text"] and "1.0 %" in found["text"]
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_group_at_rest_says_how_many_of_its_drives_are_tripped(stage: Stage, visit: Any, language: str) -> None:
+    """Regression: the group read *stopped* while one of its drives was tripped."""
+    page, expect = visit("#/fleet?group=air", language=language), expecting()
+    head = page.locator(".grouppanel > .row")
+    expect(head).to_contain_text(i18n.text("page.group_stopped", language))
+    expect(head.locator(".state.alarm")).to_have_count(0)
+    trip(stage, "fan-3")
+    expect(head.locator(".state.alarm")).to_have_text(i18n.text("page.group_tripped", language, n=1, of=3))
 
 
 def test_stations_of_a_large_group_are_counted(scripts: Any) -> None:

@@ -731,6 +731,36 @@ def test_no_cell_of_the_stations_of_a_bus_is_cut_off_on_a_phone(visit: Any, expe
     assert len({box["y"] for box in nodes[:3]}) == 1
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("way", ["models", "models/c320"])
+def test_no_cell_of_the_models_and_of_their_signals_is_cut_off_on_a_phone(
+    visit: Any, expect: Any, way: str, language: str
+) -> None:
+    """Regression: encodings, settings and what a model can't do were beyond the right edge."""
+    page = visit(f"#/{way}", size=(390, 844), language=language)
+    expect(page.locator(".stacks tbody tr").nth(2)).to_be_visible()
+    assert page.evaluate(CELLS_OUT_OF_PLACE) == []
+    wide = page.locator("main .scroll").evaluate_all(
+        "(all) => all.filter((one) => one.scrollWidth > one.clientWidth).length"
+    )
+    assert wide == 0
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("size", [(390, 844), (683, 384)], ids=["phone", "zoomed to 200 %"])
+def test_the_reason_of_a_missing_value_of_a_tripped_drive_is_not_cut_off(
+    stage: Stage, visit: Any, expect: Any, size: tuple[int, int], language: str
+) -> None:
+    """Regression: its end was cut off, and only a mouse could show it."""
+    trip(stage, "fan-3")
+    page = visit("#/drive/fan-3", size=size, language=language)
+    reason = i18n.text("drives.item_not_echoed", language)
+    shown = page.locator(".values .reason span", has_text=reason)
+    expect(shown.first).to_be_visible()
+    cut = shown.evaluate_all("(all) => all.filter((one) => one.scrollHeight > one.clientHeight + 2).length")
+    assert cut == 0
+
+
 def test_a_token_is_shown_once_and_opens_the_api(stage: Stage, visit: Any, expect: Any) -> None:
     page = visit("#/settings?tab=tokens", role="engineer")
     page.get_by_role("button", name=word("add_token")).click()

@@ -67,7 +67,7 @@ export function ModelProfile({ profile, children }) {
       ${profile.open_questions.map((one) => html`
       <${Notice} key=${one.name} title=${localized(one.text)}><p>${localized(one.reason)}</p><p>${localized(one.procedure)}</p>
         <//>`)}`}
-    <h3>${t("page.signals")}</h3><${Table} caption=${t("page.signals")} rows=${profile.signals}
+    <h3>${t("page.signals")}</h3><${Table} stacks caption=${t("page.signals")} rows=${profile.signals}
       keyOf=${(one) => one.name} columns=${[
       [t("page.signal"), (one) => localized(one.text) || one.name, "wide"], [t("page.notation"), (one) => html`<code>
         ${one.notation}</code>`],

@@ -9,9 +9,11 @@ import { hasControl, takeControl } from "../control/leases.js";
 import { openRequest, secondsLeft, withdrawRequests } from "../control/requests.js";
 import { isInOtherWindow, isMine, may } from "../session.js";
 import { drive, group } from "../store.js";
+import { Icon } from "../icons.js";
 import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
 import { Frequency, frequencyError, refusesFrequency } from "../control/frequency.js";
 import { ArmStart } from "../control/arm-start.js";
+import { kindsOf } from "./fleet-filter.js";
 import { mergeSentences } from "../control/merge-sentences.js";
 import { AskForControlButton, ReleaseButton, WaiverButton } from "../control/selection.js";
 import { driveTitle, groupTitle, listDrives } from "../titles.js";
@@ -119,10 +121,13 @@ export function GroupPanel({ id }) {
   const views = found.drives.map((name) => drive(name).value).filter(Boolean);
   const leader = found.leader && drive(found.leader).value;
   const progress = found.progress && t("page.group_progress", { n: found.progress.started, of: found.progress.of });
+  const tripped = views.filter((view) => kindsOf(view).has("fault")).length;
   const ratios = Object.entries(found.ratios).map(([name, ratio]) => ` · ${driveTitle(name)} × ${ratio}`);
   return html`<section class="panel stack grouppanel" aria-labelledby="group-title"><div class="row between">
-      <h2 id="group-title">${titleOf(found)}</h2><span><b>${t(`page.group_${found.state}`)}</b>${progress && ` · ${progress}`}
-        ${!isLive.value && ` ${t("page.state_was")}`}</span></div>
+      <h2 id="group-title">${titleOf(found)}</h2><span class="row"><span><b>${t(`page.group_${found.state}`)}</b>${progress && ` · ${progress}`}
+        ${!isLive.value && ` ${t("page.state_was")}`}</span>
+        ${tripped > 0 && html`<b class="state alarm"><${Icon} name="fault" />${t("page.group_tripped", { n: tripped, of: views.length })}</b>`}
+      </span></div>
     ${leader && html`<p class="soft">${t("page.group_leader", { name: titleOf(leader) })}${ratios}</p>`}
     ${may("operate") && html`<details><summary>${t("page.group_control")}</summary>
       <${Controls} id=${id} views=${views} /></details>`}</section>`;

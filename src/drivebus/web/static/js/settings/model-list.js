@@ -21,7 +21,7 @@ export function ModelList() {
   return html`<section class="panel stack"><p class="soft">${t("page.models_help")}</p>
     <${SearchField} help=${t("page.models_found", { n: rows.length, total: found.models.length })} value=${search}
       onChange=${setSearch} />
-    <${Table} caption=${t("page.models")} rows=${rows} keyOf=${(one) => one.model} empty=${t("page.models_none")}
+    <${Table} stacks caption=${t("page.models")} rows=${rows} keyOf=${(one) => one.model} empty=${t("page.models_none")}
       columns=${[
         [t("page.maker"), (one) => localized(one.maker)],
         [t("page.model"), (one) => html`<a href=${href("models", one.model)}>${localized(one.title)}</a>
