@@ -18,6 +18,7 @@ from drivebus.service.config.load import load
 from drivebus.service.ipc.client import SocketClient
 from drivebus.service.ipc.server import SocketServer
 from drivebus.service.runtime import configuration_check
+from drivebus.service.runtime.plant import GatewayStatus
 from drivebus.web.gateway import WebConfig, web_address
 from fixtures.service import LOCAL, SHOP_FILE, ServiceKit, running_service
 
@@ -164,6 +165,23 @@ def test_a_check_says_where_a_page_is_found_that_a_reload_moves(
     notes = configuration_check.check_text(f"{SHOP_FILE}[gateway.web]\n{after}\n", running)["notes"]
     assert [english in note["en"] for note in notes] == ([] if english is None else [True]), notes
     assert all("重新加载后 web" in note["zh"] for note in notes)
+
+
+def test_no_note_names_a_gateway_that_the_service_was_started_without(tmp_path: Path) -> None:
+    """Trap: a service that was started without its page announces where a reload moves that page."""
+    file = tmp_path / "plant.toml"
+    file.write_text(SHOP_FILE)
+    moved = f"{SHOP_FILE}[gateway.web]\nport = 9090\n"
+    assert configuration_check.check_text(moved, load(file), ["web"])["notes"] == []
+    assert configuration_check.check_text(moved, load(file))["notes"] != []
+
+
+async def test_the_gateways_that_run_decide_the_notes_of_a_check(tmp_path: Path) -> None:
+    moved = {"text": f"{SHOP_FILE}[gateway.web]\nport = 9090\n"}
+    async with shop(tmp_path) as (kit, client):
+        assert (await client.call("configuration.check", moved, LOCAL))["notes"] == []
+        kit.service.plant.gateways["web"] = GatewayStatus(id="web")
+        assert len((await client.call("configuration.check", moved, LOCAL))["notes"]) == 1
 
 
 def test_a_page_on_all_addresses_of_a_machine_is_found_by_any_of_its_names() -> None:

@@ -18,6 +18,7 @@ from drivebus.errors import (
 )
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.config.load import load
+from drivebus.service.runtime.plant import GatewayStatus
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from fixtures.service import ServiceKit, running_service
@@ -160,6 +161,7 @@ def test_a_reload_says_where_the_page_is_found_that_it_moves(tmp_path: Path) -> 
 
     async def scenario() -> None:
         async with running_service(load(file)) as kit:
+            kit.service.plant.gateways["web"] = GatewayStatus(id="web")
             assert (await kit.call("configuration.reload"))["notes"] == []
             write(file, FAN_1, "[gateway.web]\nport = 9090\n")
             (note,) = (await kit.call("configuration.reload"))["notes"]

@@ -13,7 +13,7 @@ import pickle
 import re
 import sys
 from asyncio.subprocess import PIPE
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from drivebus.errors import ConfigurationError, ServiceError, ServiceUnavailable
@@ -39,11 +39,12 @@ class ConfigurationCheck:
         self._process: asyncio.subprocess.Process | None = None
         self._busy = False
 
-    async def check(self, text: str, running: PlantConfig) -> Json:
+    async def check(self, text: str, running: PlantConfig, unstarted: Collection[str] = ()) -> Json:
         """Return every fault of a text, or what it would change in the running configuration.
 
-        Raises ConfigurationError for too many drives, ServiceUnavailable while another check is under way or when the
-        service ends, ServiceError for a check that takes too long or fails. Cancelled, it ends the process.
+        ``unstarted`` are the enabled gateways that the service does not start. Raises ConfigurationError for too many
+        drives, ServiceUnavailable while another check is under way or when the service ends, ServiceError for a check
+        that takes too long or fails. Cancelled, it ends the process.
         """
         drives = len(_DRIVE_TABLE.findall(text))
         if drives > MAX_CHECKED_DRIVES:
@@ -52,7 +53,7 @@ class ConfigurationCheck:
             raise ServiceUnavailable("plant.check_busy")
         self._busy = True
         try:
-            return await self._run(pickle.dumps((text, running)))
+            return await self._run(pickle.dumps((text, running, unstarted)))
         finally:
             self._busy = False
 
@@ -86,7 +87,7 @@ def _kill(process: asyncio.subprocess.Process) -> None:
             process.kill()
 
 
-def check_text(text: str, running: PlantConfig) -> Json:
+def check_text(text: str, running: PlantConfig, unstarted: Collection[str] = ()) -> Json:
     """Return ``{"diagnostics", "difference", "notes"}`` of a text.
 
     Profile files are read below the folder of the plant file, and where the running configuration has them: else a
@@ -105,7 +106,7 @@ def check_text(text: str, running: PlantConfig) -> Json:
     return {
         "diagnostics": [],
         "difference": difference_json(config_diff(running, new)),
-        "notes": address_notes(running, new),
+        "notes": address_notes(running, new, unstarted),
     }
 
 
@@ -120,14 +121,14 @@ def difference_json(change: ConfigDiff) -> Json:
     }
 
 
-def address_notes(running: PlantConfig, new: PlantConfig) -> list[Json]:
+def address_notes(running: PlantConfig, new: PlantConfig, unstarted: Collection[str]) -> list[Json]:
     """Return a sentence for each gateway that a reload moves or ends: its users lose it at its present address."""
     wanted = {one.id: one for one in new.gateways if one.enabled}
     notes = []
     for before in running.gateways:
         after = wanted.get(before.id)
         address = after.address if after else None
-        if not before.enabled or (after is not None and before.address == address):
+        if not before.enabled or before.id in unstarted or (after is not None and before.address == address):
             continue
         key = "plant.gateway_moves" if address else "plant.gateway_moves_anywhere" if after else "plant.gateway_ends"
         notes.append(localized(key, {"gateway": before.id, "address": address}))

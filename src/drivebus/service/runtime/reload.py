@@ -62,7 +62,7 @@ class ConfigReload:
     @handles(CONFIGURATION_CHECK)
     async def check(self, params: ConfigurationParams, actor: Actor) -> Json:
         """Return every fault of a text and the changes that it would make. Raises as ``ConfigurationCheck.check``."""
-        return await self._check.check(params.text, self.plant.config)
+        return await self._check.check(params.text, self.plant.config, self._unstarted_gateways())
 
     @handles(CONFIGURATION_RELOAD)
     async def reload(self, params: NoParams, actor: Actor) -> Json:
@@ -75,7 +75,7 @@ class ConfigReload:
             new = await self._in_thread(lambda: _load_trusted(self.plant.config.source))
             change = config_diff(self.plant.config, new)
             self._refuse_if_running(change)
-            notes = address_notes(self.plant.config, new)
+            notes = address_notes(self.plant.config, new, self._unstarted_gateways())
             await self._apply(change, new)
         names = difference_json(change)
         later = sorted(RESTART_ONLY & change.others.keys())
@@ -86,6 +86,10 @@ class ConfigReload:
     def close(self) -> None:
         """End a check that is under way."""
         self._check.close()
+
+    def _unstarted_gateways(self) -> frozenset[str]:
+        """Return the gateways that the file enables and that this service does not start (``serve --without``)."""
+        return frozenset(one.id for one in self.plant.config.gateways if one.id not in self.plant.gateways)
 
     async def _in_thread(self, work: Callable[[], Any]) -> Any:
         """Run in a thread: reading a file delays no stop."""
