@@ -831,6 +831,8 @@ def test_no_frame_and_no_parameter_of_an_incident_is_cut_off_on_a_phone(stage: S
     for title in ("incident_parameters", "frames_title"):
         page.get_by_role("region", name=word(title)).locator("tbody td").nth(3).wait_for()
     assert page.evaluate(CELLS_OUT_OF_PLACE) == []
+    head = page.get_by_role("region", name=word("incident_parameters")).locator("thead")
+    assert word("wire_address") in head.inner_text(), "another word than in the parameters of a drive"
 
 
 CELLS_OUT_OF_PLACE = """() => [...document.querySelectorAll(".stacks td")].filter((cell) => {

@@ -106,7 +106,7 @@ function Parameters({ parameters }) {
   const columns = [
     [t("page.notation"), ([name]) => html`<code>${name}</code>`],
     [t("page.parameter"), ([, one]) => localized(one.text), "wide"],
-    [t("page.wire_address_title"), ([, one]) => html`<code>${one.address_hex ?? ""}</code>`],
+    [t("page.wire_address"), ([, one]) => html`<code>${one.address_hex ?? ""}</code>`],
     [t("page.value"), ([, one]) => valueOrReason(one), "right"],
     [t("page.raw"), ([, one]) => one.raw ?? NO_VALUE, "right"],
   ];
