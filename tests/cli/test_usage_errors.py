@@ -406,12 +406,18 @@ def test_errors_with_the_same_remedy_share_its_text(alike: str) -> None:
     assert not i18n.known(f"hint.{alike}"), "it would never be shown"
 
 
-@pytest.mark.parametrize(("state", "is_named"), [(DriveState.FAULT, True), (DriveState.PAUSED, False)])
-def test_a_command_that_a_fault_forbids_names_the_commands_that_show_and_reset_it(
-    state: DriveState, is_named: bool
-) -> None:
+@pytest.mark.parametrize(
+    ("state", "is_named"),
+    [
+        (DriveState.FAULT, True),
+        (DriveState.PAUSED, True),
+        (DriveState.STOPPED, True),
+        (DriveState.DECELERATING, False),
+    ],
+)
+def test_a_command_that_the_state_forbids_names_the_command_that_leaves_it(state: DriveState, is_named: bool) -> None:
     hint = errors.error_hint(StartInhibited("drives.state_forbids", state=state, kind=CommandKind.START))
-    assert hint == (i18n.text("hint.drives.state_forbids_fault", output.language()) if is_named else None)
+    assert hint == (i18n.text(f"hint.drives.state_forbids_{state}", output.language()) if is_named else None)
 
 
 @pytest.mark.parametrize("more", ["--address 1", "--option setpoint_step=0.01 --option setpoint_step=0.01"])
