@@ -60,7 +60,7 @@ def response(plant: RunningService, role: Role, name: str, params: Json) -> http
 def test_a_check_of_a_configuration_ends_when_its_client_disconnects(plant: RunningService) -> None:
     checks: list[bool] = []
 
-    async def until_cancelled(text: str, running: object) -> None:
+    async def until_cancelled(*_: object) -> None:
         checks.append(False)
         try:
             await asyncio.Event().wait()
