@@ -49,6 +49,7 @@ COMMAND_LINE_TEXTS = frozenset(
         "help",
         "hint",
         "history",
+        "hold_ramp",
         "jog",
         "live",
         "log",
