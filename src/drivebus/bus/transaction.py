@@ -190,8 +190,7 @@ class Transaction:
     def ends_with_second_reply(self, error: TrailingError) -> bool:
         """Return whether the bytes after the reply are another reply, as of two drives at one address."""
         rest = bytes(self.buffer[error.expected :]) if isinstance(error.expected, int) else b""
-        second = self.prepared.station.decode_reply_to(self.prepared.request, rest) if rest else None
-        return second is not None and second.size > 0
+        return bool(rest) and self.prepared.station.decode_reply_to(self.prepared.request, rest) is not None
 
     def _decode(self) -> None:
         """Decode the buffer. A complete frame of another station is dropped, and the wait continues."""
