@@ -78,10 +78,34 @@ def test_the_error_of_an_invalid_number_has_the_allowed_range(
         ("completion", "`drivebus completion bash`"),
         ("status http://127.0.0.1:8080 --model c320 --address 1", "--service http://127.0.0.1:8080 --drive NAME"),
         ("status https://drives --model c320 --address 1", "--service https://drives --drive NAME"),
+        ("status fan-1", "--service http://127.0.0.1:8080 --drive fan-1"),
+        ("run fan-1 --frequency 5", "--service http://127.0.0.1:8080 --drive fan-1"),
+        ("stop fan-1", "--service http://127.0.0.1:8080 --drive fan-1"),
+        ("stop --all fan-1", "--service http://127.0.0.1:8080 --drive fan-1"),
+        ("status none.toml", "`drivebus check none.toml`"),
+        ("run --group fans --frequency 5", "`drivebus set-frequency`"),
+        ("run --service http://127.0.0.1:1 --group fans --frequency 5", "`drivebus set-frequency`"),
+        ("run --frequency", "`drivebus run --help`"),
+        ("status sim://c320@1 --model c321 --address 1", "`drivebus models --search WORD`"),
     ],
 )
 def test_a_refusal_names_the_next_step(line: str, step: str, language: str) -> None:
     assert step in run_words(shlex.split(line), language).output.replace("\n", " ")
+
+
+@pytest.mark.parametrize("line", ["status fan-1", "stop fan-1"])
+def test_the_name_of_a_drive_in_place_of_a_port_is_not_answered_with_a_missing_model(line: str) -> None:
+    """A drive of a service needs no model, and a scan of its name finds nothing."""
+    result = run_words(line.split(), "en")
+    assert (result.exit_code, "fan-1 is no port URL" in result.output) == (2, True), result.output
+    assert "--model" not in result.output
+
+
+@pytest.mark.parametrize("line", ["status sim://c320@1", "run --group fans --frequency 5"])
+def test_the_json_of_a_refusal_has_the_next_step_that_the_terminal_shows(line: str) -> None:
+    result = CliRunner().invoke(cli, [*line.split(), "--json"])
+    hint = json.loads(result.stdout)["error"]["hint"]
+    assert hint and hint in result.stderr.replace("\n", " "), result.output
 
 
 @pytest.mark.parametrize("line", ["check none.toml", "status sim://c320@1 --model ./none.toml --address 1"])

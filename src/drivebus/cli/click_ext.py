@@ -131,6 +131,9 @@ class CliCommand(_LocalizedHelp, click.Command):
                 alike = [name for param in self.params for name in param.opts if name == f"-{word}"]
                 raise click.NoSuchOption(word, possibilities=alike, ctx=ctx) from None
             raise
+        except click.BadOptionUsage as error:
+            error.ctx = error.ctx or ctx  # the parser of click leaves it out
+            raise
 
     def get_short_help_str(self, limit: int = 45) -> str:
         return output.text(f"help.{self.help_key}.short")

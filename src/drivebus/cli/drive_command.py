@@ -45,7 +45,15 @@ class RemoteCommand(CliCommand):
                 for name in ("group", "drive"):
                     if ctx.params.get(name) is not None:
                         raise ConfigurationError(f"service.{name}_alone") from None
+                self._check_port_form(ctx)
             raise
+
+    def _check_port_form(self, ctx: click.Context) -> None:
+        """Raise PortUrlError where the port is none by its form: the name of a service's drive needs no ``--model``."""
+        from drivebus.ports.url import parse_port_url
+
+        if (port := ctx.params.get("port")) is not None:
+            parse_port_url(port)
 
     def _check_port(self, ctx: click.Context, args: list[str]) -> None:
         """Raise UsageError where a port does not stand first, or is given beside ``--service``, which replaces it.

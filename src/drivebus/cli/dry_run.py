@@ -163,8 +163,8 @@ class DryRun:
             self.add("model_check", (check,))
         return check is not None
 
-    def add_preflight(self) -> None:
-        """Add the reads of the pre-flight check: model, preconditions, maximum frequency and ramp times."""
+    def add_readiness(self) -> None:
+        """Add the reads of the pre-flight check (model, preconditions, maximum frequency, ramp times) and the state."""
         profile, share = self.dialect.profile, self.dialect.profile.setpoint_share
         names = [one.notation for one in profile.preconditions]
         names += [share.maximum] if share is not None and share.maximum is not None else []
@@ -172,6 +172,7 @@ class DryRun:
             self.add("identity", self.dialect.identity_reads())
         self.add("preflight", self._parameter_reads(names))
         self.add("ramp_times", self._parameter_reads(profile.ramp_notations or ()))
+        self.add("state", self.dialect.state_reads())
 
     def _parameter_reads(self, notations: Iterable[str]) -> list[Any]:
         wanted = [self.dialect.profile.parameters.get(notation) for notation in notations]

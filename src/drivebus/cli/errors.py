@@ -45,6 +45,7 @@ _HINTS_OF_VALUES = {
     ("drives.state_forbids", "fault"): "hint.drives.state_forbids_fault",
     ("drives.state_forbids", "paused"): "hint.drives.state_forbids_paused",
     ("drives.state_forbids", "stopped"): "hint.drives.state_forbids_stopped",
+    ("ports.url", "drivebus ports"): "hint.ports.url_name",
     ("ports.scheme", "http"): "hint.ports.scheme_http",
     ("ports.scheme", "https"): "hint.ports.scheme_http",
 }
@@ -152,10 +153,17 @@ def report_usage(error: click.ClickException) -> ExitCode:
     context = getattr(error, "ctx", None)
     path = context.command_path if context else "drivebus"
     sentence = usage_text(error)
-    described = {"type": "UsageError", "key": "cli.usage", "text": sentence, "scope": "configuration"}
+    hint = _usage_hint(error)
+    described = {
+        "type": "UsageError",
+        "key": "cli.usage",
+        "text": sentence,
+        "hint": hint and output.text(hint),
+        "scope": "configuration",
+    }
     with output.continue_without_output():
         _print_error_line(sentence)
-        if isinstance(error, click.MissingParameter) and (hint := _missing_hint(error)):
+        if hint is not None:
             output.print_note(hint)
         output.echo(output.text("cli.try_help", command=path), err=True)
         output.print_json({"error": described, "exit": int(ExitCode.USAGE)}, stream=True)
@@ -202,6 +210,14 @@ def usage_text(error: click.ClickException) -> str:
         is_unit = extra[1].lower() in _UNIT_WORDS
         return output.join([sentence, output.text("cli.number_alone")], "clauses") if is_unit else sentence
     return error.format_message()
+
+
+def _usage_hint(error: click.ClickException) -> str | None:
+    """Return the key of the sentence with the next step after a missing value or an unknown option; None without one."""
+    if isinstance(error, click.NoSuchOption):
+        key = f"cli.no_such_option.{error.option_name.lstrip('-')}"
+        return key if i18n.known(key) else None
+    return _missing_hint(error) if isinstance(error, click.MissingParameter) else None
 
 
 def _missing_hint(error: click.MissingParameter) -> str | None:

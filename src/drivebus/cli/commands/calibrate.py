@@ -134,6 +134,7 @@ def _plan(dry: DryRun) -> ExitCode:
     open_steps = [step for step in calibration_steps(dry.dialect) if step.is_open(dry.dialect.options)]
     planned = [part for step in open_steps for part in step.plan(dry.dialect)]
     if any(step.moves for step in open_steps):
+        dry.add_readiness()
         dry.add_start_preparation()
     for purpose, requests in dict.fromkeys(planned):
         dry.add(purpose, requests)

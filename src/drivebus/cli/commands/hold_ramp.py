@@ -38,8 +38,7 @@ def _plan(dry: DryRun, seconds: float) -> ExitCode:
     from drivebus.drives.operations.hold import check_ramp_hold
 
     check_ramp_hold(dry.drive, seconds)
-    dry.add("state", dry.dialect.state_reads())
-    dry.add_preflight()
+    dry.add_readiness()
     dry.add("hold_ramp", [dry.dialect.hold(Hold.RAMP).request])
     dry.add("end_hold", [dry.dialect.end_hold().request])
     dry.add("stop", dry.dialect.stop(StopMode.STOP))

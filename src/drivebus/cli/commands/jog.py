@@ -130,10 +130,11 @@ def _plan(dry: DryRun, frequency: float | None) -> ExitCode:
     else:
         dry.check_then_assume_scale(lambda: check_jog(dry.drive, frequency, Direction.FORWARD))
     word = None if frequency is None else dialect.setpoint_word(frequency)
+    dry.add_readiness()
     dry.add("jog", [frame.request for frame in dialect.jog(Direction.FORWARD, word)])
     dry.add("jog_stop", dialect.stop(StopMode.JOG_STOP))
     dry.add("stop", dialect.stop(StopMode.STOP))
-    return dry.print("dry.note.confirm")
+    return dry.print("dry.note.fewer", "dry.note.confirm")
 
 
 command = drive_command(

@@ -237,8 +237,7 @@ def _plan(dry: DryRun, frequency: float, reverse: bool, wait: bool, detach: bool
 
     dialect, direction = dry.dialect, _direction(reverse)
     dry.check_then_assume_scale(lambda: check_run(dry.drive, frequency, direction, will_wait=wait))
-    dry.add_preflight()
-    dry.add("state", dialect.state_reads())
+    dry.add_readiness()
     dry.add_start_preparation()
     for purpose, frames in start_frames(dialect, frequency, direction):
         dry.add(purpose, [frame.request for frame in frames])

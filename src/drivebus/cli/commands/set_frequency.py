@@ -39,8 +39,9 @@ def _plan(dry: DryRun, frequency_hz: float) -> ExitCode:
         frames = dry.dialect.set_frequency(word, ReadingPairs())
     except StartInhibited:
         frames, as_if = dry.dialect.set_frequency(word, _running()), True
+    dry.add_readiness()
     dry.add("set_frequency", [frame.request for frame in frames])
-    return dry.print(*(("dry.note.as_if_running",) if as_if else ()), "dry.note.confirm")
+    return dry.print(*(("dry.note.as_if_running",) if as_if else ()), "dry.note.fewer", "dry.note.confirm")
 
 
 def _running() -> ReadingPairs:

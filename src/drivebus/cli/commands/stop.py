@@ -114,7 +114,7 @@ def _stop_one(port: str | None, given: dict[str, Any], quick: bool, assume_model
         _require("target", port)
         if str(port).endswith(".toml"):
             raise ConfigurationError("stop_all.plant_needs_all", file=port)
-        _require("model", given["model"])
+        _require_model(str(port), given["model"])
         _require("addresses", addresses)
     target = remote or Target(port=str(port), address=addresses[0], **_port_options(given))
     if dry_run:
@@ -140,12 +140,21 @@ def _require(name: str, value: Any) -> None:
         raise click.MissingParameter(ctx=context, param=next(p for p in context.command.params if p.name == name))
 
 
+def _require_model(port: str, model: str | None) -> None:
+    """Raise the usage error of a missing model, PortUrlError where the port is none: that error names the remedy."""
+    from drivebus.ports.url import parse_port_url
+
+    if model is None:
+        parse_port_url(port)
+    _require("model", model)
+
+
 # --- all drives of a bus ------------------------------------------------------------------------------------------
 
 
 def _stop_bus(port: str, given: dict[str, Any]) -> ExitCode:
     """Stop the drives at ``--address``, or every drive that replies at an address of the model."""
-    _require("model", given["model"])
+    _require_model(port, given["model"])
     target = Target(port=port, address=0, **_port_options(given))
     addresses = given["addresses"] or _all_addresses(target)
     _check_addresses(target, addresses)
