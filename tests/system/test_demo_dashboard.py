@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
@@ -25,7 +26,12 @@ Demo = tuple[subprocess.Popen[str], dict[str, str]]
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Demo]:
     """Yield a running demo with the address, user and password that it prints."""
-    log = tmp_path_factory.mktemp("demo") / "log"
+    with _running_demo(tmp_path_factory.mktemp("demo") / "log") as running:
+        yield running
+
+
+@contextmanager
+def _running_demo(log: Path) -> Iterator[Demo]:
     (log.parent / "tmp").mkdir()
     with log.open("w") as errors:
         own = os.environ | {"TMPDIR": str(log.parent / "tmp")}
@@ -101,3 +107,11 @@ def test_ctrl_c_ends_the_demo_and_leaves_no_process_or_file(demo: Demo) -> None:
     process.send_signal(signal.SIGINT)
     assert process.wait(30) == 0
     assert list(Path(printed["tmp"]).iterdir()) == []
+
+
+def test_a_closed_terminal_that_is_not_the_standard_input_ends_the_demo_too(tmp_path: Path) -> None:
+    """The signal was taken for that of a reload, and the demo went on and held its port."""
+    with _running_demo(tmp_path / "log") as (process, printed):
+        process.send_signal(signal.SIGHUP)
+        assert process.wait(30) == 0
+        assert list(Path(printed["tmp"]).iterdir()) == []

@@ -213,7 +213,7 @@ def usage_text(error: click.ClickException) -> str:
 
 
 def _usage_hint(error: click.ClickException) -> str | None:
-    """Return the key of the sentence with the next step after a missing value or an unknown option; None without one."""
+    """Return the key of the next step after a missing value or an unknown option; None without one."""
     if isinstance(error, click.NoSuchOption):
         key = f"cli.no_such_option.{error.option_name.lstrip('-')}"
         return key if i18n.known(key) else None

@@ -105,7 +105,7 @@ async def _run_with_page(directory: Path, port: int) -> ExitCode:
 
             tasks.append(asyncio.create_task(_announce_and_play(config, code, password, plant, show)))
 
-        await run_service(config, address_output="none", on_ready=on_ready)
+        await run_service(config, address_output="none", on_ready=on_ready, reloads_on_hangup=False)
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
@@ -277,7 +277,9 @@ async def serve_terminal(memory: bool) -> None:
             def on_ready(_: Service) -> None:
                 tasks.append(asyncio.create_task(_serve_parent(config, plant)))
 
-            await run_service(config, without=("web",), address_output="none", on_ready=on_ready)
+            await run_service(
+                config, without=("web",), address_output="none", on_ready=on_ready, reloads_on_hangup=False
+            )
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)

@@ -46,17 +46,19 @@ async def run_service(
     address_output: AddressOutput = "plain",
     log_format: LogFormat = "text",
     on_ready: Callable[[Service], None] = lambda service: None,
+    reloads_on_hangup: bool = True,
 ) -> Json:
     """Run the service until SIGTERM or Ctrl-C; return the outcome of the last stop of each drive that it had started.
 
-    ``without`` names gateways that are not started. An outcome is None where it was not known in time. Raises
-    ConfigurationError: the service runs already, its directory or socket can't be used, others could write its files.
+    ``without`` names gateways that are not started. ``reloads_on_hangup`` False: SIGHUP ends it too. An outcome is None
+    where it was not known in time. Raises ConfigurationError: the service runs already, its directory or socket can't
+    be used, others could write its files.
     """
     raise_file_limit()
     loop = asyncio.get_running_loop()
     notify, ending = SystemdNotifier(), asyncio.Event()
     check_plant_files(config)
-    with single_instance(config.directory), handle_signals(loop, ending) as on_reload:
+    with single_instance(config.directory), handle_signals(loop, ending, reloads_on_hangup) as on_reload:
         await _check_no_service_answers(config.directory)
         async with AsyncExitStack() as stack:
             service = await stack.enter_async_context(build_service(config, watchdog=notify))
@@ -178,8 +180,13 @@ ReloadCallbacks = list[Callable[[], Any]]
 
 
 @contextmanager
-def handle_signals(loop: asyncio.AbstractEventLoop, ending: asyncio.Event) -> Iterator[ReloadCallbacks]:
-    """Set ``ending`` on SIGTERM, Ctrl-C and a closed terminal; call the yielded callbacks on any other SIGHUP."""
+def handle_signals(
+    loop: asyncio.AbstractEventLoop, ending: asyncio.Event, reloads_on_hangup: bool = True
+) -> Iterator[ReloadCallbacks]:
+    """Set ``ending`` on SIGTERM, Ctrl-C and a closed terminal; call the yielded callbacks on any other SIGHUP.
+
+    ``reloads_on_hangup`` False: every SIGHUP sets it, also of a closed terminal that is not the standard input.
+    """
     reloads: ReloadCallbacks = []
     tasks: set[asyncio.Task[Any]] = set()
 
@@ -190,6 +197,9 @@ def handle_signals(loop: asyncio.AbstractEventLoop, ending: asyncio.Event) -> It
 
     def on_hangup() -> None:
         end_without_terminal()
+        if not reloads_on_hangup:
+            discard_terminal_output()
+            ending.set()
         if ending.is_set():
             return
         for each in reloads:
