@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivebus.errors import (
+    ArmRequired,
     ConfigurationError,
     DrivebusError,
     NotFound,
@@ -21,7 +22,7 @@ from drivebus.service.config.load import load
 from drivebus.service.runtime.plant import GatewayStatus
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
-from fixtures.service import ServiceKit, running_service
+from fixtures.service import ServiceKit, remote_actor, running_service
 
 HEAD = """
 format = 1
@@ -230,6 +231,50 @@ def test_a_start_requested_before_its_drive_was_replaced_is_not_sent(
                 await start
             assert rejected.value.key == ("plant.stopped_meanwhile" if stopped else "plant.another_meanwhile")
             assert rejected.value.params["drive"] == "fan-1"
+
+    run(scenario())
+
+
+MOVED = (FAN_1.replace("address = 1", "address = 3"), FAN_2)
+TWO_FANS = '[group.fans]\ndrives = ["fan-1", "fan-2"]\n'
+THREE_FANS = '[group.fans]\ndrives = ["fan-1", "fan-2", "fan-3"]\n'
+
+
+@pytest.mark.parametrize(
+    ("operation", "after"),
+    [
+        ("drive.run", (*MOVED, TWO_FANS)),
+        ("group.start", (*MOVED, TWO_FANS)),
+        ("group.start", (FAN_1, FAN_2, FAN_3, THREE_FANS)),
+    ],
+    ids=["drive", "member", "group"],
+)
+def test_a_start_armed_before_its_drive_or_group_was_replaced_has_to_be_armed_again(
+    tmp_path: Path, operation: str, after: tuple[str, ...]
+) -> None:
+    """The name is the same, but another motor would start."""
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2, TWO_FANS)
+    ann, target = remote_actor(), {"drive": "fan-1"} if operation == "drive.run" else {"group": "fans"}
+    arming = "drive.arm" if operation == "drive.run" else "group.arm"
+
+    async def take_control(kit: ServiceKit) -> None:
+        await asyncio.sleep(3)
+        await kit.grant_waivers()
+        for drive in kit.service.plant.drives:
+            await kit.call("lease.take", ann, drive=drive)
+
+    async def scenario() -> None:
+        async with running_service(load(file)) as kit:
+            await take_control(kit)
+            armed = await kit.call(arming, ann, **target)
+            write(file, *after)
+            await kit.call("configuration.reload")
+            await take_control(kit)
+            with pytest.raises(ArmRequired) as rejected:
+                await kit.call(operation, ann, **target, frequency_hz=20.0, arm_token=armed["arm_token"])
+            assert rejected.value.key == "plant.arm_void"
+            armed = await kit.call(arming, ann, **target)
+            await kit.call(operation, ann, **target, frequency_hz=20.0, arm_token=armed["arm_token"])
 
     run(scenario())
 

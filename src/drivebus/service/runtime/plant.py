@@ -308,11 +308,15 @@ class Plant:
     def note_stop(self, *runtimes: DriveRuntime, by: str, kind: StopKind) -> None:
         """Count and name a stop request, and revoke the arm tokens of these drives and their groups. ``by``: a user."""
         for runtime in runtimes:
-            groups = (f"group:{group.id}" for group in self.groups_of(runtime.id))
-            self.arm_tokens.revoke(runtime.id, arm_target_of_test(runtime.id), *groups)
+            self.revoke_arm_tokens(runtime.id)
             runtime.last_stop = StopObject(kind, by, self.wall_ms())
             self.stop_counts[runtime.id] += 1
             self.stop_statistics.requested += 1
+
+    def revoke_arm_tokens(self, drive: str) -> None:
+        """Invalidate the arm tokens of a drive and of its groups."""
+        groups = (f"group:{group.id}" for group in self.groups_of(drive))
+        self.arm_tokens.revoke(drive, arm_target_of_test(drive), *groups)
 
     # --- what outlives the process ------------------------------------------------------------------------------
 
