@@ -188,3 +188,28 @@ def test_invisible_characters_of_the_higher_planes_are_no_reason() -> None:
     with pytest.raises(InvalidParameters):
         OPERATIONS["waiver.grant"].validate({"drive": "fan-1", "reason": "\U000e0041" * 3})
     OPERATIONS["waiver.grant"].validate({"drive": "fan-1", "reason": "می\u200cخواهم"})  # joins letters: visible text
+
+
+def replacements(value: Any, text: str) -> Iterator[Any]:
+    """Yield the value with one of its texts, or names of an object, replaced."""
+    if isinstance(value, str):
+        yield text
+    elif isinstance(value, list):
+        for index, one in enumerate(value):
+            yield from ([*value[:index], other, *value[index + 1 :]] for other in replacements(one, text))
+    elif isinstance(value, dict):
+        for name, one in value.items():
+            rest = {key: other for key, other in value.items() if key != name}
+            yield rest | {text: one}
+            yield from (rest | {name: other} for other in replacements(one, text))
+
+
+@pytest.mark.parametrize("text", ["a3\nfan-1 done", "a3\x1b[31m", "a3\u202e1-naf", "a3\u200b", "\u3164\u3164\u3164"])
+def test_no_text_of_an_audited_operation_has_control_direction_or_only_invisible_characters(text: str) -> None:
+    """The words of a client, as an alarm's id or a parameter's name, stand in the audit trail, on page and terminal."""
+    audited = [operation for operation in OPERATIONS.values() if operation.mutates]
+    assert sum(1 for operation in audited for _ in replacements(operation.example, text)) > 100
+    for operation in audited:
+        for params in replacements(operation.example, text):
+            with pytest.raises(InvalidParameters):
+                operation.validate(params)

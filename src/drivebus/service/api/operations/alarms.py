@@ -10,8 +10,8 @@ from drivebus.service.api.operations.history import TimeRangeParams
 from drivebus.service.api.operations.operation import (
     ApiObject,
     Audit,
+    IssuedId,
     LocalizedText,
-    Name,
     Operation,
     OperationParams,
     PageResponse,
@@ -28,13 +28,13 @@ MAX_SELECTED_ALARMS = 1000
 class AlarmParams(OperationParams):
     """Raised alarm that the operation acts on, by its id in ``alarms.list``."""
 
-    alarm: Annotated[Name, Field(examples=["a3"])]
+    alarm: Annotated[IssuedId, Field(examples=["a3"])]
 
 
 class AlarmSelectionParams(OperationParams):
     """Raised alarms that the operation acts on, by their ids in ``alarms.list``; one audit record names them all."""
 
-    alarms: Annotated[list[Name], Field(min_length=1, max_length=MAX_SELECTED_ALARMS, examples=[["a3", "a4"]])]
+    alarms: Annotated[list[IssuedId], Field(min_length=1, max_length=MAX_SELECTED_ALARMS, examples=[["a3", "a4"]])]
 
 
 Minutes = Annotated[int, Field(ge=1, le=1440, examples=[60])]

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from drivebus.service.api.operations.drives import DriveParams
-from drivebus.service.api.operations.operation import ApiObject, Audit, EmptyResponse, Name, Operation, Reason
+from drivebus.service.api.operations.operation import ApiObject, Audit, EmptyResponse, IssuedId, Operation, Reason
 from drivebus.service.api.operations.outcomes import ChangesResponse
 from drivebus.service.api.operations.selections import SelectionParams
 from drivebus.service.auth.rights import Right
@@ -30,7 +30,7 @@ class ControlRequestsParams(SelectionParams):
 class ControlAnswerParams(DriveParams):
     """Request for control that is answered, by its ``id``: a later one is not answered by mistake."""
 
-    request: Annotated[Name, Field(examples=["request-7"])]
+    request: Annotated[IssuedId, Field(examples=["request-7"])]
 
 
 class LeaseResponse(ApiObject):

@@ -4,28 +4,31 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, StringConstraints
+from pydantic import AfterValidator, Field, StringConstraints
 
 from drivebus.drives.operations.hold import MAX_RAMP_HOLD_S
 from drivebus.service.api.operations.drive_view import Direction, DriveObject
 from drivebus.service.api.operations.models import ProfileObject
 from drivebus.service.api.operations.operation import (
+    PRINTABLE_PATTERN,
     ApiObject,
     Audit,
     DriveId,
     EmptyResponse,
     Frequency,
+    IssuedId,
     LocalizedText,
     Name,
     Operation,
     OperationParams,
     Reason,
+    require_printable,
 )
 from drivebus.service.api.operations.outcomes import ErrorObject, OutcomeObject, OutcomeResponse
 from drivebus.service.auth.rights import Right
 from drivebus.values import Text
 
-ArmToken = Annotated[Name | None, Field(examples=["5b1f0c52d1"])]
+ArmToken = Annotated[IssuedId | None, Field(examples=["5b1f0c52d1"])]
 
 
 class DriveParams(OperationParams):
@@ -78,7 +81,7 @@ class JogParams(DriveParams):
 class ActiveJogParams(DriveParams):
     """A jog under way; ``jog`` comes from ``drive.jog``."""
 
-    jog: Annotated[Name, Field(examples=["jog-4"])]
+    jog: Annotated[IssuedId, Field(examples=["jog-4"])]
 
 
 class WaiverParams(DriveParams):
@@ -113,8 +116,16 @@ class ParameterWriteParams(DriveParams):
     """
 
     values: Annotated[
-        dict[Name, Annotated[float, Field(allow_inf_nan=False)] | WordText],
-        Field(min_length=1, max_length=64, examples=[{"F1.07": 12.5}]),
+        dict[
+            Annotated[str, Field(min_length=1, max_length=100), AfterValidator(require_printable)],
+            Annotated[float, Field(allow_inf_nan=False)] | WordText,
+        ],
+        Field(
+            min_length=1,
+            max_length=64,
+            examples=[{"F1.07": 12.5}],
+            json_schema_extra={"propertyNames": {"minLength": 1, "maxLength": 100, "pattern": PRINTABLE_PATTERN}},
+        ),
     ]
     save: bool = Field(default=False, examples=[False])
     force: bool = Field(default=False, examples=[False])

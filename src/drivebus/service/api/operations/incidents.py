@@ -13,8 +13,8 @@ from drivebus.service.api.operations.history import EventObject, TimeRangeParams
 from drivebus.service.api.operations.operation import (
     ApiObject,
     Audit,
+    IssuedId,
     LocalizedText,
-    Name,
     Operation,
     OperationParams,
     PageResponse,
@@ -27,7 +27,7 @@ from drivebus.values import Text
 class IncidentParams(OperationParams):
     """Incident that the operation returns."""
 
-    incident: Annotated[Name, Field(examples=["000017-fan-1"])]
+    incident: Annotated[IssuedId, Field(examples=["000017-fan-1"])]
 
 
 class IncidentNoteParams(IncidentParams):

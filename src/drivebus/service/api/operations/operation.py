@@ -21,17 +21,25 @@ from drivebus.service.auth.rights import RequiredAccess, Right
 from drivebus.types import Json
 from drivebus.values import Text
 
-Name = Annotated[str, Field(min_length=1, max_length=100)]
+
+def require_printable(text: str) -> str:
+    if CONTROL_CHARACTERS.search(text) or is_blank(text):
+        raise PydanticCustomError("printable", "control characters, or blank")
+    return text
+
+
+PRINTABLE_PATTERN = rf"^[^{CONTROL_RANGES}]*[^\s{CONTROL_RANGES}{INVISIBLE_RANGES}][^{CONTROL_RANGES}]*$"
+Name = Annotated[
+    str,
+    Field(min_length=1, max_length=100, json_schema_extra={"pattern": PRINTABLE_PATTERN}),
+    AfterValidator(require_printable),
+]
+IssuedId = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[A-Za-z0-9_-]+$")]
+"""Id that the service has made, as of an alarm: a client's own words in its place would stand in the audit trail."""
 ID_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"
 Id = Annotated[str, Field(pattern=ID_PATTERN)]
 DriveId = Annotated[Id, Field(examples=["fan-1"])]
 Frequency = Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False, examples=[25.0])]
-
-
-def _require_printable(text: str) -> str:
-    if CONTROL_CHARACTERS.search(text) or is_blank(text):
-        raise PydanticCustomError("printable", "control characters, or blank")
-    return text
 
 
 Reason = Annotated[
@@ -40,11 +48,9 @@ Reason = Annotated[
         min_length=3,
         max_length=500,
         examples=["bearing is being changed"],
-        json_schema_extra={
-            "pattern": rf"^[^{CONTROL_RANGES}]*[^\s{CONTROL_RANGES}{INVISIBLE_RANGES}][^{CONTROL_RANGES}]*$"
-        },
+        json_schema_extra={"pattern": PRINTABLE_PATTERN},
     ),
-    AfterValidator(_require_printable),
+    AfterValidator(require_printable),
 ]
 MAX_TIME_MS = 253_402_300_799_999  # the end of the year 9999 in milliseconds since 1970
 TimeMs = Annotated[int, Field(ge=0, le=MAX_TIME_MS)]
