@@ -449,6 +449,24 @@ def test_an_unreadable_session_file_requires_a_new_login(tmp_path: Path, content
     login(fresh)
 
 
+def test_a_session_that_ended_on_a_full_disk_stays_ended_after_a_crash(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The saved file still has it. A login or a session's activity alone does not empty that file."""
+    auth, clock = auth_service(tmp_path)
+    ended, other = login(auth), login(auth, "administrator")
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("drivebus.service.auth.sessions.atomic_write_private", full)
+    login(auth)
+    assert restarted(auth, clock).session_credential(other[0]) is not None
+    run(auth.logout(ended[1].session))
+    assert restarted(auth, clock).session_credential(ended[0]) is None
+    assert auth.session_store.exists, "the sign of a plant that had users"
+
+
 def test_a_full_disk_prevents_no_login(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     auth, _ = auth_service(tmp_path)
 

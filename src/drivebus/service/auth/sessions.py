@@ -79,9 +79,16 @@ class SessionStore:
         return ()
 
     def write(self, sessions: tuple[StoredSession, ...]) -> None:
-        """Save sessions. A failed write is ignored: logging in and out must not depend on it."""
-        with contextlib.suppress(OSError):
+        """Save sessions. A failed write is ignored: logging in and out must not depend on it.
+
+        Then a file with a session that has ended is emptied, which needs no space: the next process opens what it has.
+        """
+        try:
             atomic_write_private(self.path, _SESSION_FILE_ADAPTER.dump_json(_SessionFile(_boot_id(), sessions)))
+        except OSError:
+            if {one.digest for one in self.read()} - {one.digest for one in sessions}:
+                with contextlib.suppress(OSError):
+                    os.truncate(self.path, 0)
 
 
 def _boot_id() -> str:
