@@ -151,6 +151,40 @@ def test_a_group_is_not_started_without_a_follower_of_its_leader(
     assert bool(shown(text, ["page.group_start_blocked"], n=1, of=3)) is is_blocked
 
 
+@pytest.mark.parametrize("progress", [None, {"started": 1, "of": 3}])
+def test_a_group_with_an_offline_drive_is_not_called_stopped(draw: Draw, fan: Any, progress: Any) -> None:
+    """Regression: it read *stopped*, from the last replies, while no drive of it answered any more."""
+    keys = ["page.group_stopped", "page.group_unknown", "page.group_offline"]
+    for offline in (0, 2, 3):
+        presences = {f"fan-{n}": "offline" if n < offline else "online" for n in range(3)}
+        topics = group_topics(fan | ONLINE_AND_STOPPED, presences, "presence")
+        topics["groups/air"]["progress"] = progress
+        text = draw("fleet/group-panel", "GroupPanel", {"id": "air"}, topics=topics, only=".row.between")
+        expected = (keys[:1] if progress or not offline else keys[1:2]) + (keys[2:] if offline else [])
+        assert shown(text, keys, n=offline, of=3) == expected
+
+
+@pytest.mark.parametrize(
+    ("presence", "quality", "expected"),
+    [
+        ("online", "good", []),
+        ("offline", "good", ["page.quality_uncertain", "page.before_offline"]),
+        ("offline", "bad", ["page.quality_bad", "drives.stale"]),
+    ],
+)
+def test_a_good_value_of_an_offline_drive_is_marked_as_its_last_one(
+    draw: Draw, fan: Any, presence: str, quality: str, expected: list[str]
+) -> None:
+    """Regression: a drive that is read every 10 s was shown at a live 50 Hz for half a minute after it fell silent."""
+    reason = "drives.stale" if quality == "bad" else None
+    frequency = {"value": 50.0, "unit": "Hz", "quality": quality, "reason": reason, "source_time_ms": 1, "readAt": 1}
+    view = fan | {"presence": presence, "signals": {"output_frequency": frequency}}
+    for module, part, props in (("drive/values", "Values", {"view": view}), ("fleet/tile", "Tile", {"id": "fan-1"})):
+        text = draw(module, part, props, topics={"drives/fan-1": view}, only=".value")
+        keys = ["page.quality_uncertain", "page.before_offline", "page.quality_bad", "drives.stale"]
+        assert shown(text, keys) == expected, (module, text)
+
+
 def parameter(count: int, **fields: Any) -> dict[str, Any]:
     """Return a parameter with this many choices."""
     choices = {str(n): {"en": f"choice {n}", "zh": f"选项 {n}"} for n in range(count)}

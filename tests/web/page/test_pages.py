@@ -645,6 +645,31 @@ def test_the_result_of_a_check_is_not_shown_beside_a_text_that_was_edited_meanwh
     expect(page.locator(".panel .notice.bad")).to_be_visible()
 
 
+def test_a_changed_configuration_survives_a_look_at_another_page(visit: Any, expect: Any) -> None:
+    """Regression: an engineer who followed an alarm lost the text that was not checked yet."""
+    page = visit("#/settings?tab=configuration", role="administrator")
+    text = page.input_value("textarea")
+    page.fill("textarea", "[plant")
+    page.evaluate("location.hash = '#/alarms'")
+    page.locator("textarea").wait_for(state="detached")
+    page.go_back()
+    expect(page.locator("textarea")).to_have_value("[plant")
+    page.locator("button", has_text=i18n.text("page.back_to_file", "en")).click()
+    page.evaluate("location.hash = '#/alarms'")
+    page.locator("textarea").wait_for(state="detached")
+    page.go_back()
+    expect(page.locator("textarea")).to_have_value(text)
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_an_unknown_address_leads_to_the_fleet(visit: Any, expect: Any, language: str) -> None:
+    """Regression: an outdated bookmark ended at a sentence without a next step."""
+    page = visit("#/bus/fans", language=language)
+    notice = page.locator(".notice", has_text=i18n.text("page.no_such_page", language))
+    notice.locator("a").click()
+    expect(page.locator(".tile").first).to_be_visible()
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_the_dialog_and_the_record_of_a_shelved_bus_alarm_name_the_bus(
     stage: Stage, visit: Any, expect: Any, language: str

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -436,3 +437,26 @@ def test_a_value_of_a_lost_bus_is_not_shown_as_live(stage: Stage, visit: Any) ->
     page.locator(".trend-readout td .value.good").wait_for()
     with unplugged(stage, "pumps"):
         page.locator(".trend-readout td .value:not(.good)").wait_for()
+
+
+DRAWN_COUNTS = """async (places) => {
+  const { drawEvents } = await import('/static/js/trend/draw-events.js');
+  const drawn = [];
+  const ctx = new Proxy(document.createElement('canvas').getContext('2d'), {
+    set: (to, name, value) => Reflect.set(to, name, value),
+    get: (to, name) => (name === 'fillText' ? (text, x) => {
+      const width = to.measureText(text).width;
+      drawn.push(to.textAlign === 'right' ? [x - width, x] : [x, x + width]);
+    } : typeof to[name] === 'function' ? to[name].bind(to) : to[name]) });
+  const plot = { ctx, bbox: { left: 0, top: 0, width: 1000, height: 200 }, valToPos: (x) => x };
+  const markers = places.flatMap((t) => Array.from({ length: 15 }, () => ({ t, shape: 'alarm' })));
+  drawEvents(plot, { markers, strips: [], states: [] }, { font: 'sans-serif', fault: 'red', mark: 'black' });
+  return drawn;
+}"""
+
+
+def test_numbers_of_neighbouring_markers_do_not_overlap_at_the_right_edge(scripts: Any) -> None:
+    """Regression: the number of the newest marker stands on its left, over that of the marker before it."""
+    for distance in range(1, 60):
+        drawn = sorted(scripts.evaluate(DRAWN_COUNTS, [990 - distance, 990]))
+        assert all(left[1] < right[0] for left, right in pairwise(drawn)), distance

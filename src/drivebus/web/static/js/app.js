@@ -9,7 +9,7 @@ import { isLive, startLiveConnection } from "./live.js";
 import { startLeaseRenewal } from "./control/leases.js";
 import { keepFocus } from "./focus.js";
 import { loadHistoryTags } from "./history-tags.js";
-import { go, route } from "./router.js";
+import { go, href, route } from "./router.js";
 import { topic } from "./store.js";
 import { watchTakeovers } from "./control/takeovers.js";
 import { Shell } from "./shell.js";
@@ -38,7 +38,8 @@ function CurrentPage() {
   // A browser caches the failure to fetch a module; only a reload of the page retries it.
   const canRetry = Boolean(loadProblem.value?.wasOffline) && isLive.value;
   useEffect(() => { if (canRetry) location.reload(); }, [canRetry]);
-  if (!exists) return html`<${Notice} kind="warning">${t("page.no_such_page")}<//>`;
+  if (!exists) return html`<${Notice} kind="warning">${t("page.no_such_page")} <a href=${href("fleet")}>
+    ${t("page.nav_fleet")}</a><//>`;
   if (!Page && loadProblem.value) return html`<${Notice} kind="bad" live>${t("page.not_loaded")}<//>`;
   if (!Page) return html`<${Loading} />`;
   return html`<${Page} key=${`${page}/${id}`} id=${id} query=${query} />`;

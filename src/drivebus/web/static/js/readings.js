@@ -2,7 +2,8 @@
 // page's clock.
 import { isLive, now } from "./live.js";
 
-/** A value of a drive as it may be shown now, with its present age; without a live connection its quality is bad.
+/** A value of a drive as it may be shown now, with its present age; without a live connection its quality is bad, and a
+ * good one of an offline drive is uncertain: several polls may fail before it is too old.
  * `{value, unit, quality, reason, source_time_ms, age_s}`; null where the drive has no such signal. */
 export const reading = (view, name) => readingWithAge(view, name, ageOf);
 
@@ -13,7 +14,8 @@ function readingWithAge(view, name, age) {
   const found = view?.signals?.[name];
   if (!found) return null;
   if (!isLive.value) return { ...found, quality: "bad", reason: "page.link_lost", age_s: age(found) };
-  return { ...found, age_s: age(found) };
+  const isLast = found.quality === "good" && view.presence === "offline";
+  return { ...found, ...isLast && { quality: "uncertain", reason: "page.before_offline" }, age_s: age(found) };
 }
 
 /** Seconds since the reply that a value came from. Follows the page's tick. */

@@ -78,7 +78,7 @@ const OUTCOME_KIND = { confirmed: "good", acknowledged: "info", refused: "bad", 
 export function OutcomeNote({ outcome }) {
   if (!outcome) return null;
   return html`<${Notice} kind=${OUTCOME_KIND[outcome.status] ?? "info"} live title=${t(`page.outcome_${outcome.status}`)}>
-    <p>${localized(outcome.text)}</p>
+    <p>${withCommands(localized(outcome.text))}</p>
     ${outcome.notes?.map((note) => localized(note.text)).filter((text) => text !== localized(outcome.text))
       .map((text, n) => html`<p key=${n}>${text}</p>`)}
     ${outcome.frames?.length > 0 && html`<details class="frames"><summary>${t("page.frames")}</summary>

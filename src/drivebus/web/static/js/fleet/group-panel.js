@@ -10,7 +10,7 @@ import { openRequest, secondsLeft, withdrawRequests } from "../control/requests.
 import { isInOtherWindow, isMine, may } from "../session.js";
 import { drive, group } from "../store.js";
 import { Icon } from "../icons.js";
-import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
+import { Button, ErrorNote, Notice, useRequest, withCommands } from "../ui.js";
 import { Frequency, frequencyError, refusesFrequency } from "../control/frequency.js";
 import { ArmStart } from "../control/arm-start.js";
 import { kindsOf } from "./fleet-filter.js";
@@ -28,7 +28,7 @@ function commonLimits(views) {
 }
 
 const Merged = ({ ids, text, isNamed }) => html`<li title=${ids.map(driveTitle).join(t("language.between_items"))}>${!isNamed && html`<b>
-  ${listDrives(ids)}</b>${t("page.colon")}`}${text}</li>`;
+  ${listDrives(ids)}</b>${t("page.colon")}`}${withCommands(text)}</li>`;
 
 /** Outcome of each drive of a group; equal ones are one. */
 function Outcomes({ outcomes }) {
@@ -121,12 +121,16 @@ export function GroupPanel({ id }) {
   const views = found.drives.map((name) => drive(name).value).filter(Boolean);
   const leader = found.leader && drive(found.leader).value;
   const progress = found.progress && t("page.group_progress", { n: found.progress.started, of: found.progress.of });
-  const tripped = views.filter((view) => kindsOf(view).has("fault")).length;
+  const countOf = (kind) => views.filter((view) => kindsOf(view).has(kind)).length;
+  const [tripped, offline] = [countOf("fault"), countOf("offline")];
+  // The state of an offline drive is the last one that was read.
+  const state = offline > 0 && !progress ? "unknown" : found.state;
   const ratios = Object.entries(found.ratios).map(([name, ratio]) => ` · ${driveTitle(name)} × ${ratio}`);
   return html`<section class="panel stack grouppanel" aria-labelledby="group-title"><div class="row between">
-      <h2 id="group-title">${titleOf(found)}</h2><span class="row"><span><b>${t(`page.group_${found.state}`)}</b>${progress && ` · ${progress}`}
+      <h2 id="group-title">${titleOf(found)}</h2><span class="row"><span><b>${t(`page.group_${state}`)}</b>${progress && ` · ${progress}`}
         ${!isLive.value && ` ${t("page.state_was")}`}</span>
         ${tripped > 0 && html`<b class="state alarm"><${Icon} name="fault" />${t("page.group_tripped", { n: tripped, of: views.length })}</b>`}
+        ${offline > 0 && html`<b class="state alarm"><${Icon} name="silent" />${t("page.group_offline", { n: offline, of: views.length })}</b>`}
       </span></div>
     ${leader && html`<p class="soft">${t("page.group_leader", { name: titleOf(leader) })}${ratios}</p>`}
     ${may("operate") && html`<details><summary>${t("page.group_control")}</summary>

@@ -27,7 +27,7 @@ function BusLocation({ view }) {
   return html`<p class="soft identity"><code>${view.id}</code> · <a href=${href("buses", view.bus)}>
     ${found ? titleOf(found) : view.bus}</a>
     ${" · "}${t("page.station", { address: view.address })} · <code>${view.model}
-      </code> · ${t(`page.grade_${view.grade}`)}
+      </code> · ${t("page.grade")}${t("page.colon")}${t(`page.grade_${view.grade}`)}
     ${groups.length > 0 && html`${" · "}${groups}`}</p>`;
 }
 

@@ -3,20 +3,27 @@ import { html, useEffect, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
 import { isLive } from "../live.js";
+import { session } from "../session.js";
 import { Button, ErrorNote, Field, Loading, Notice, useRequest, useLoaded, withCommands } from "../ui.js";
 
 /** Result of a check, with the text that was checked. */
 const checkText = async (text) => ({ text, ...await api.post("/configuration/check", { text }, { timeout_ms: 60_000 }) });
 
+/** Changed text `{user, file, text}`, kept while other pages are shown; for its user and the same text of the file only. */
+let draft = null;
+
+const draftOf = ({ text }) => (draft?.user === session.value.user && draft.file === text ? draft.text : text);
+
 export function Configuration() {
   const [found, error, reload] = useLoaded(() => api.get("/configuration"), []);
   const [text, setText] = useState(null);
-  useEffect(() => { if (found) setText(found.text); }, [found]);
+  useEffect(() => { if (found) setText(draftOf(found)); }, [found]);
   if (!found || text === null) return error ? html`<${ErrorNote} error=${error} />` : html`<${Loading} />`;
+  const change = (changed) => { draft = { user: session.value.user, file: found.text, text: changed }; setText(changed); };
   return html`<div class="stack"><section class="panel stack"><h2>${t("page.configuration")}</h2>
       <p>${t("page.configuration_how", { file: found.source ?? "plant.toml" })}</p>
-      <${Check} text=${text} onChange=${setText} isChanged=${text !== found.text}
-        onBack=${() => setText(found.text)} /></section>
+      <${Check} text=${text} onChange=${change} isChanged=${text !== found.text}
+        onBack=${() => change(found.text)} /></section>
     <${Reload} file=${found.source ?? "plant.toml"} onDone=${reload} /></div>`;
 }
 

@@ -24,18 +24,21 @@ export function drawEvents(plot, { markers, strips, states }, colours) {
   ctx.restore();
 }
 
-/** Merge markers nearer to each other than a finger's width into one with their number. */
+/** Merge markers nearer to each other than a finger's width into one with their number; at the right edge, where the number
+ * is on the left, nearer than the numbers of both. */
 function clustered(plot, markers, width) {
   const groups = [];
   for (const marker of markers) {
     const x = plot.valToPos(marker.t, "x", true);
     if (x < plot.bbox.left - width || x > plot.bbox.left + plot.bbox.width + width) continue;
     const last = groups.at(-1);
-    if (last && x - last.x < width) last.markers.push(marker);
+    if (last && x - last.x < (isAtEdge(plot, x) ? 2 : 1) * width) last.markers.push(marker);
     else groups.push({ x, markers: [marker] });
   }
   return groups;
 }
+
+const isAtEdge = (plot, x) => x > plot.bbox.left + plot.bbox.width - COUNT_PX * devicePixelRatio;
 
 /** Kinds by severity: the most severe of a group gives its shape. */
 const SEVERITY = ["fault", "alarm", "stop", "command"];
@@ -55,11 +58,11 @@ function drawMarker(plot, { x, markers }, colours, ratio) {
   ctx.lineWidth = 2 * ratio;
   SHAPES[kind](ctx, x, top + 7 * ratio, 4.5 * ratio);
   if (markers.length > 1) {
-    const isAtEdge = x > plot.bbox.left + plot.bbox.width - COUNT_PX * ratio;
+    const isLeft = isAtEdge(plot, x);
     ctx.font = `${11 * ratio}px ${colours.font}`;
-    ctx.textAlign = isAtEdge ? "right" : "left";
+    ctx.textAlign = isLeft ? "right" : "left";
     ctx.textBaseline = "middle";
-    ctx.fillText(String(markers.length), x + (isAtEdge ? -7 : 7) * ratio, top + 7 * ratio);
+    ctx.fillText(String(markers.length), x + (isLeft ? -7 : 7) * ratio, top + 7 * ratio);
   }
 }
 
