@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, nullcontext
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -22,12 +22,21 @@ from drivebus.drives.operations.start import COMMAND_SETTLE_S, START_CONFIRM_TIM
 from drivebus.drives.operations.stop import stop
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import Direction, DriveState
-from drivebus.errors import CapabilityError, LimitError, OutcomeUnknown, StartInhibited, StopUnconfirmed, Superseded
+from drivebus.errors import (
+    CapabilityError,
+    LimitError,
+    OutcomeUnknown,
+    StartInhibited,
+    StopUnconfirmed,
+    Superseded,
+    TargetNotReached,
+)
+from drivebus.profiles.model import DriveProfile
 from drivebus.protocols import modbus
 from drivebus.protocols.codec import Effect
 from fixtures.drives import FakeModbus, PureBus, SimulatedDrives, dialect_for, operation_for, run_virtual
 
-COMMANDS, STATUS = 0x2000, 0x3000
+COMMANDS, STATUS, OUTPUT = 0x2000, 0x3000, 0x3002
 
 
 async def output_hz(drive: Any) -> float:
@@ -185,9 +194,85 @@ def test_an_unanswered_ramp_hold_is_ended_at_once() -> None:
 def test_a_start_does_not_end_the_pause_of_a_drive_in_fault() -> None:
     registers = {STATUS: 0x0022, 0x0001: 4, 0x3016: 0x0002}
     bus = PureBus(dialect=dialect_for("vc660"), station=FakeModbus(registers=registers))
-    with pytest.raises(StartInhibited, match="fault"):
+    with pytest.raises(StartInhibited, match="fault") as caught:
         bus.run(run(operation_for(bus.dialect), 20.0, None))
-    assert not bus.effects()
+    assert caught.value.key == "drives.state_forbids" and not bus.effects()
+
+
+def paused_bus(output_hz: float, profile: DriveProfile | None = None) -> tuple[PureBus, dict[int, int]]:
+    """Return a bus with a VC660 paused in forward, which a start lets run at this output frequency; its registers."""
+    registers = {STATUS: 0x0029, 0x0001: 4, 0x3001: 2000, OUTPUT: round(output_hz * 100)}
+
+    def starts(fake: FakeModbus, word: int) -> bool:
+        registers[STATUS] = 0x0009 if word & 1 else 0x0001 if word & 2 else registers[STATUS]
+        return True
+
+    dialect = create_dialect(profile or profiles.load("vc660"), 1)
+    return PureBus(dialect=dialect, station=FakeModbus(registers=registers, on_command=starts)), registers
+
+
+def words(bus: PureBus) -> list[int]:
+    """Return the command words that were sent."""
+    return [one.value for one in bus.sent(modbus.WriteRegister, register=COMMANDS)]
+
+
+def test_a_motor_that_still_turns_during_its_pause_runs_again_in_its_direction() -> None:
+    bus, _ = paused_bus(5.0)
+    assert bus.run(run(operation_for(bus.dialect), 20.0, None)).status is OutcomeStatus.CONFIRMED
+    assert words(bus) == [0x0001, 0x0000]
+
+
+def test_a_motor_that_still_turns_during_its_pause_is_not_started_the_other_way() -> None:
+    bus, _ = paused_bus(5.0)
+    with pytest.raises(StartInhibited) as caught:
+        bus.run(run(operation_for(bus.dialect), 20.0, Direction.REVERSE))
+    assert caught.value.key == "drives.turning" and not bus.effects()
+
+
+def test_a_pause_ends_also_where_neither_direction_nor_output_frequency_is_reported() -> None:
+    profile = profiles.load("vc660")
+    assert profile.status is not None
+    bits = {name: bit for name, bit in profile.status.bits.items() if not name.endswith("reverse")}
+    signals = {name: signal for name, signal in profile.signals.items() if name != "output_frequency"}
+    bus, _ = paused_bus(5.0, replace(profile, status=replace(profile.status, bits=bits), signals=signals))
+    assert bus.run(run(operation_for(bus.dialect), 20.0, None)).status is OutcomeStatus.CONFIRMED
+
+
+@pytest.mark.parametrize("changed", [{STATUS: 0x002A, 0x3016: 0x0002}, {STATUS: 0x8029}], ids=["fault", "reverse"])
+def test_a_pause_does_not_end_where_a_fault_or_the_other_direction_shows_after_the_checks(
+    changed: dict[int, int],
+) -> None:
+    bus, registers = paused_bus(5.0)
+    bus.on_request = lambda ask: registers.update(changed) if isinstance(ask.request, modbus.WriteRegister) else None
+    outcome = bus.run(run(operation_for(bus.dialect), 20.0, None))
+    assert (outcome.status, outcome.key, words(bus)) == (OutcomeStatus.FAILED, "drives.not_started", [])
+
+
+def test_a_paused_motor_that_trips_at_the_start_that_ends_its_pause_has_not_run() -> None:
+    bus, registers = paused_bus(0.0)
+
+    def trips(ask: Any) -> None:
+        if words(bus):
+            registers.update({STATUS: 0x0002, 0x3016: 0x0002})
+
+    bus.on_request = trips
+    outcome = bus.run(run(operation_for(bus.dialect), 20.0, None))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.start_failed")
+
+
+@pytest.mark.parametrize(
+    ("paused_hz", "hz", "shown_hz", "is_stopped"),
+    [(40.0, 20.0, 40.0, False), (40.0, 20.0, 48.1, True), (0.0, 0.5, 3.4, False), (0.0, 0.5, 3.6, True)],
+)
+def test_the_overspeed_after_a_pause_counts_from_the_frequency_that_the_motor_had_left(
+    paused_hz: float, hz: float, shown_hz: float, is_stopped: bool
+) -> None:
+    bus, registers = paused_bus(paused_hz)
+    registers[0x3001] = round(hz * 100)
+    bus.on_request = lambda ask: registers.update({OUTPUT: round(shown_hz * 100)}) if words(bus) == [1] else None
+    with pytest.raises(TargetNotReached) if is_stopped else nullcontext():
+        assert bus.run(run(operation_for(bus.dialect), hz, None)).status is OutcomeStatus.CONFIRMED
+    assert (0x0002 in words(bus)) is is_stopped
 
 
 def test_a_start_does_not_end_a_pause_in_fault_that_appears_after_its_checks() -> None:

@@ -16,14 +16,12 @@ from drivebus.drives.dialects.modbus_reads import sync_spans
 from drivebus.drives.operations.dzb100_calibration import calibrate_query_coding
 from drivebus.drives.operations.parameter_write import check_write
 from drivebus.drives.operations.setpoint import set_frequency
-from drivebus.drives.operations.start import run
 from drivebus.drives.operations.stop import stop
 from drivebus.drives.state import Direction
-from drivebus.errors import CapabilityError, ConfigurationError, LimitError, StartInhibited, TargetNotReached
-from drivebus.profiles.model import CommandMap, DriveProfile
-from drivebus.protocols import sunfar
+from drivebus.errors import CapabilityError, ConfigurationError, LimitError, TargetNotReached
+from drivebus.profiles.model import CommandMap
 from drivebus.protocols.dzb100.messages import Dzb100Query, Dzb100Reply
-from fixtures.drives import FakeC320, FakeModbus, PureBus, dialect_for, operation_for
+from fixtures.drives import FakeModbus, PureBus, dialect_for, keypad_registers, operation_for
 
 
 def test_a_frequency_that_no_word_holds_is_refused_and_the_largest_one_is_not() -> None:
@@ -91,14 +89,6 @@ def test_words_of_a_query_that_differ_each_time_have_no_agreement() -> None:
     assert caught.value.key == "drives.no_agreement"
 
 
-def test_a_braking_motor_is_not_started_and_its_direction_is_not_guessed() -> None:
-    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320(state=sunfar.SunfarState.DC_BRAKING))
-    with pytest.raises(StartInhibited) as caught:
-        bus.run(run(operation_for(bus.dialect), 10.0, None))
-    assert caught.value.key == "drives.turning_state"
-    assert not bus.effects()
-
-
 @pytest.mark.parametrize(("word", "is_foreign"), [(9, True), (3, False)])
 def test_a_status_that_the_model_does_not_have_is_named_and_no_stop_is_sent(word: int, is_foreign: bool) -> None:
     drive = FakeModbus(registers={0x2100: word})
@@ -128,8 +118,3 @@ def test_a_setpoint_whose_maximum_is_not_read_again_is_unknown() -> None:
     bus = PureBus(dialect=create_dialect(profile, 1), station=station, on_request=None)
     outcome = bus.run(set_frequency(operation_for(bus.dialect), 10.0))
     assert (outcome.key, drive.written) == ("drives.maximum_unconfirmed", [(0x1000, 2000)])
-
-
-def keypad_registers(profile: DriveProfile) -> dict[int, int]:
-    """Return the registers of a drive whose keypad is set for control over the bus."""
-    return {profile.parameters[p.notation].locator[1]: p.accepted[0] for p in profile.preconditions}

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import pytest
 
-from drivebus import i18n
+from drivebus import i18n, profiles
 from drivebus.bus.messages import BusRequest
+from drivebus.drives import create_dialect
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.setpoint import SETPOINT_READ_TRIES
@@ -26,7 +28,7 @@ from drivebus.errors import (
     TargetNotReached,
 )
 from drivebus.profiles.diagnostics import bilingual_text
-from drivebus.protocols import modbus, sunfar
+from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.protocols.codec import Effect
 from drivebus.simulator.motor import Trip
 from fixtures.drives import (
@@ -37,6 +39,7 @@ from fixtures.drives import (
     SimulatedDrives,
     context_for,
     dialect_for,
+    keypad_registers,
     operation_for,
     reject_command,
     run_virtual,
@@ -74,9 +77,64 @@ def start(bus: PureBus, op: OperationContext, hz: float = 10.0, direction: Direc
 def test_a_start_is_one_frame_with_its_frequency_and_confirmed_by_later_reads() -> None:
     bus, op = c320(FakeC320(on_command=starts))
     outcome = start(bus, op)
-    assert outcome.status is OutcomeStatus.CONFIRMED
+    assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.start_confirmed")
     assert bus.sent(sunfar.SunfarControl) == [sunfar.SunfarControl(1, ON_320, 1000)]
     assert outcome.exchanges[-1].sent_at is not None
+
+
+@pytest.mark.parametrize(
+    ("hz", "on_command", "is_noted"), [(0.0, starts, True), (1.0, starts, False), (0.0, None, False)]
+)
+def test_a_run_at_0_hz_that_succeeded_says_that_the_motor_does_not_turn(
+    hz: float, on_command: Any, is_noted: bool
+) -> None:
+    outcome = start(*c320(FakeC320(on_command=on_command)), hz=hz)
+    assert ("drives.run_at_zero" in dict(outcome.notes)) is is_noted
+
+
+FASTER = sunfar.SunfarState.RUNNING_FORWARD
+
+
+@pytest.mark.parametrize(
+    ("shown", "state", "found_hz"),
+    [
+        ((1300, 1300), FASTER, None),
+        ((1301, 1301), FASTER, 13.01),
+        ((1400, 1500), FASTER, 15.0),
+        ((1500, 1400), FASTER, None),
+        ((1200, 1500), FASTER, None),
+        ((1500, 1500), sunfar.SunfarState.ACCELERATING_FORWARD, 15.0),
+        ((1500, 1500), sunfar.SunfarState.RESTARTING, None),
+    ],
+    ids=["tolerated", "too fast", "rising", "falling", "once", "accelerating", "caught by a speed search"],
+)
+@pytest.mark.parametrize("is_stoppable", [True, False])
+def test_a_start_stops_a_drive_that_two_reads_show_too_fast(
+    shown: tuple[int, int], state: int, found_hz: float | None, is_stoppable: bool
+) -> None:
+    """Also without a wait for the speed: 10 Hz was sent, 3 Hz more are tolerated."""
+
+    def races(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
+        fake.state = state if request.operation == ON_320 or not is_stoppable else sunfar.SunfarState.STOPPED
+        return fake.ok()
+
+    fake = FakeC320(on_command=races)
+    bus, op = c320(fake)
+
+    def show(ask: Any) -> None:
+        if bus.effects():
+            reads = len([one for one in bus.requests if isinstance(one.request, sunfar.ReadMonitor)])
+            fake.output = shown[reads % 2] if fake.state == state else 0
+
+    bus.on_request = show
+    if found_hz is None:
+        assert start(bus, op).status is OutcomeStatus.CONFIRMED
+        return
+    with pytest.raises(TargetNotReached) as caught:
+        start(bus, op)
+    assert (caught.value.key, caught.value.params["found_hz"]) == ("drives.overspeed", found_hz)
+    assert caught.value.outcome.status is (OutcomeStatus.FAILED if is_stoppable else OutcomeStatus.UNKNOWN)
+    assert bus.sent(sunfar.SunfarControl, operation=sunfar.SunfarOperation.STOP)
 
 
 def test_a_start_whose_reply_says_ok_is_not_confirmed_by_it() -> None:
@@ -85,6 +143,43 @@ def test_a_start_whose_reply_says_ok_is_not_confirmed_by_it() -> None:
     outcome = start(bus, op)
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.start_ignored")
     assert len(bus.sent(sunfar.SunfarControl)) == 1
+    assert START_CONFIRM_TIMEOUT_S < bus.now < START_CONFIRM_TIMEOUT_S + 1.0, "it has three seconds to report running"
+
+
+def test_after_a_start_that_the_drive_ignored_the_next_one_reads_its_preconditions_again() -> None:
+    bus, op = c320(FakeC320())
+    start(bus, op)
+    read = len(bus.sent(sunfar.SunfarReadParameter, group=0))
+    assert start(bus, OperationContext(op.drive)).key == "drives.start_ignored"
+    assert len(bus.sent(sunfar.SunfarReadParameter, group=0)) == 2 * read > 0
+
+
+def test_a_start_after_which_the_readings_contradict_each_other_is_unknown() -> None:
+    fake = FakeC320()
+    bus, op = c320(fake)
+
+    def flips(ask: Any) -> None:
+        if bus.effects() and isinstance(ask.request, sunfar.ReadMonitor):
+            fake.state = (
+                sunfar.SunfarState.STOPPED if fake.state != sunfar.SunfarState.STOPPED else sunfar.SunfarState.FAULT
+            )
+
+    bus.on_request = flips
+    outcome = start(bus, op)
+    assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.start_unknown")
+
+
+def test_an_unanswered_start_is_resent_at_standstill_also_after_a_state_that_was_not_read() -> None:
+    lost = [True]
+
+    def first_is_lost(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
+        return None if lost and lost.pop() else starts(fake, request)
+
+    fake = FakeC320(on_command=first_is_lost)
+    bus, op = c320(fake)
+    bus.on_request = lambda ask: setattr(fake, "silent", bool(bus.effects()) and bus.now < 0.7)
+    assert start(bus, op).status is OutcomeStatus.CONFIRMED
+    assert len(bus.sent(sunfar.SunfarControl)) == 2
 
 
 def test_every_confirming_read_has_its_own_sync_probe_before_it() -> None:
@@ -212,6 +307,7 @@ def test_a_drive_that_trips_on_the_start_did_not_start() -> None:
     bus, op = c320(FakeC320(on_command=trips))
     outcome = start(bus, op)
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.start_failed")
+    assert bus.now < 1.0
     [(key, params)] = outcome.notes
     assert (key, params["fault"].en) == ("drives.fault_named", "fault Fu.7: see the fault table of the C320 manual")
     assert (
@@ -219,6 +315,17 @@ def test_a_drive_that_trips_on_the_start_did_not_start() -> None:
         and outcome.drive_status.fault is not None
         and outcome.drive_status.fault.code == 7
     )
+
+
+@pytest.mark.parametrize("state", [sunfar.SunfarState.NOT_READY, sunfar.SunfarState.EMERGENCY_STOP])
+def test_a_drive_without_supply_or_in_emergency_stop_after_the_start_is_reported_at_once(state: int) -> None:
+    def refuses(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
+        fake.state = state
+        return fake.ok()
+
+    bus, op = c320(FakeC320(on_command=refuses))
+    outcome = start(bus, op)
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.start_failed") and bus.now < 1.0
 
 
 @pytest.mark.parametrize("direction", [None, Direction.FORWARD])
@@ -553,6 +660,34 @@ def test_vc660_sets_the_frequency_reads_it_back_and_only_then_starts() -> None:
     outcome = start(bus, op)
     assert outcome.status is OutcomeStatus.CONFIRMED
     assert fake.written == [(0x2001, 1000), (0x2000, 0x0001), (0x2000, 0x0000)]
+    place = next(i for i, ask in enumerate(bus.requests) if getattr(ask.request, "value", None) == 1)
+    assert not [ask for ask in bus.requests[place:] if getattr(ask.request, "register", 0) == 0x3001], "once is enough"
+
+
+def test_a_stop_between_the_frequency_and_the_start_ends_the_start() -> None:
+    fake = FakeModbus()
+    bus, op = vc660(fake)
+
+    def stop_comes(ask: Any) -> None:
+        if getattr(ask.request, "register", 0) == 0x2001:
+            bus.conditions = replace(bus.conditions, stop_epoch=bus.conditions.stop_epoch + 1)
+
+    bus.on_request = stop_comes
+    with pytest.raises(Superseded, match="newer stop"):
+        start(bus, op)
+    assert [register for register, _ in fake.written] == [0x2001]
+
+
+def test_a_drive_whose_maximum_frequency_changes_before_the_start_is_not_started() -> None:
+    """SKF8000: its frequency is a share of P0-10, which somebody doubles at the keypad."""
+    profile = profiles.load("skf8000")
+    fake = FakeModbus(registers=keypad_registers(profile) | {0xF00A: 5000, 0x3000: 3, 0x7001: 1000})
+    dialect = create_dialect(profile, 1)
+    bus = PureBus(dialect=dialect, station=fake)
+    bus.on_request = lambda ask: fake.registers.update({0xF00A: 10000}) if fake.written else None
+    outcome = start(bus, operation_for(dialect))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_started")
+    assert outcome.params["why"].key == "drives.maximum_changed" and fake.written == [(0x1000, 2000)]
 
 
 def test_vc660_that_does_not_take_the_frequency_is_not_started() -> None:
@@ -566,6 +701,7 @@ def test_vc660_that_does_not_take_the_frequency_is_not_started() -> None:
     bus, op = vc660(fake)
     outcome = start(bus, op)
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_started")
+    assert outcome.params["why"].key == "drives.setpoint_differs"
     assert [register for register, _ in fake.written] == [0x2001]
     assert Effect.MOTION not in bus.effects()
 
@@ -779,3 +915,69 @@ def test_a_start_in_an_unknown_state_names_the_reason_and_no_report_of_the_drive
     assert texts[0].startswith("no start is sent: the state of the drive is not known (")
     assert texts[1].startswith("不发送启动：变频器状态未知（")
     assert why[0] in texts[0] and why[1] in texts[1]
+
+
+KEYPAD_DZB100 = {0: 2, 1: 3}  # frequency and commands from RS485
+
+
+@dataclass
+class FakeDzb100:
+    """Fake DZB100: answers reads and queries, and takes each command unless ``on_command`` is another one."""
+
+    items: dict[int, int] = field(default_factory=dict)
+    on_command: Callable[[FakeDzb100, dzb100.Dzb100Control], bool] = lambda fake, request: True
+
+    def __call__(self, request: Any) -> Any:
+        if isinstance(request, dzb100.Dzb100Control):
+            self.items |= {0: request.data, 1: request.data, 3: request.command << 12}
+            if not self.on_command(self, request):
+                return None
+        if isinstance(request, dzb100.Dzb100Query):
+            data = self.items.get(request.item, 0)
+        else:
+            data = (
+                KEYPAD_DZB100.get(request.index, 0) if isinstance(request, dzb100.Dzb100ReadParameter) else request.data
+            )
+        return dzb100.Dzb100Reply(head=chr(request.head), address=1, index=request.index, data=data, accepted=True)
+
+
+def start_dzb100(fake: FakeDzb100, **options: Any) -> tuple[PureBus, Outcome]:
+    bus = PureBus(dialect=dialect_for("dzb100", **options), station=fake)
+    return bus, start(bus, operation_for(bus.dialect), hz=0.5)
+
+
+@pytest.mark.parametrize("is_shown", [True, False])
+def test_the_frequency_of_a_dzb100_is_read_back_after_its_start_and_a_note_says_where_it_is_not_shown(
+    is_shown: bool,
+) -> None:
+    def executes(fake: FakeDzb100, request: dzb100.Dzb100Control) -> bool:
+        fake.items[0] = request.data if is_shown else 0x7777
+        return True
+
+    bus, outcome = start_dzb100(FakeDzb100(on_command=executes))
+    assert outcome.status is OutcomeStatus.CONFIRMED
+    assert ("drives.setpoint_not_shown" in dict(outcome.notes)) is not is_shown
+    assert outcome.exchanges[-1].sent == bus.dialect.codec.encode_request(bus.requests[-1].request)
+
+
+def test_an_unanswered_start_that_a_dzb100_shows_as_its_last_command_is_not_resent() -> None:
+    """It has executed the start, and somebody stopped it at its keypad since."""
+
+    def is_stopped_at_once(fake: FakeDzb100, request: dzb100.Dzb100Control) -> bool:
+        fake.items[1] = 0
+        return False
+
+    bus, outcome = start_dzb100(FakeDzb100(on_command=is_stopped_at_once))
+    assert outcome.status is OutcomeStatus.FAILED
+    assert len(bus.sent(dzb100.Dzb100Control)) == 1
+
+
+def test_a_frequency_of_a_dzb100_whose_coding_is_not_determined_stops_nothing() -> None:
+    """Its quality is uncertain: 100 may be 100 Hz, 10 Hz or 1 Hz."""
+
+    def shows_another_coding(fake: FakeDzb100, request: dzb100.Dzb100Control) -> bool:
+        fake.items[1] = 0x1000
+        return True
+
+    bus, outcome = start_dzb100(FakeDzb100(on_command=shows_another_coding))
+    assert outcome.status is OutcomeStatus.CONFIRMED and len(bus.sent(dzb100.Dzb100Control)) == 1

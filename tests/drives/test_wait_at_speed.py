@@ -31,7 +31,8 @@ def wait_for(bus: PureBus, op: OperationContext, hz: float = 10.0, timeout_s: fl
 def test_it_is_there_when_the_drive_says_running_at_that_frequency() -> None:
     bus, op = waiting(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, output=1000))
     outcome = wait_for(bus, op)
-    assert (outcome.status, outcome.params["output_hz"]) == (OutcomeStatus.CONFIRMED, 10.0)
+    assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.running_at")
+    assert outcome.params["output_hz"] == 10.0
 
 
 def test_a_reverse_run_is_there_where_the_drive_reports_its_frequency_as_negative(
@@ -41,6 +42,21 @@ def test_a_reverse_run_is_there_where_the_drive_reports_its_frequency_as_negativ
     bus, op = waiting(FakeC320(state=sunfar.SunfarState.RUNNING_REVERSE, output=1000))
     done = bus.run(wait_at_speed(op, 10.0, STARTED, 2.0, Direction.REVERSE))
     assert (done.status, done.params["output_hz"]) == (OutcomeStatus.CONFIRMED, -10.0)
+
+
+def test_a_speed_that_is_reached_shows_the_frequency_that_could_not_be_read_back_and_other_notes_remain() -> None:
+    bus, op = waiting(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, output=1000))
+    other = ("drives.precondition_unread", {"notation": "F0.1", "why": "drives.not_read"})
+    started = replace(STARTED, notes=(("drives.setpoint_not_shown", {"frequency_hz": 10.0}), other))
+    assert bus.run(wait_at_speed(op, 10.0, started, 2.0)).notes == (other,)
+
+
+def test_an_output_frequency_that_is_not_read_is_not_the_set_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(OperationContext, "output_hz", lambda op: None)
+    bus, op = waiting(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, output=1000))
+    with pytest.raises(TargetNotReached) as caught:
+        wait_for(bus, op)
+    assert caught.value.params["found_hz"] is None
 
 
 def test_it_is_not_there_while_the_drive_says_accelerating() -> None:
@@ -80,6 +96,19 @@ def test_a_speed_that_falls_along_a_slow_ramp_is_waited_for_unless_a_time_is_giv
             assert bench.station().motor.output_hz == pytest.approx(20.0, abs=0.11)
 
     run_virtual(scenario())
+
+
+def test_a_speed_that_still_approaches_is_not_waited_for_beyond_the_time_that_is_given() -> None:
+    fake = FakeC320(state=sunfar.SunfarState.ACCELERATING_FORWARD, output=1000)
+    bus, op = waiting(fake)
+    bus.pass_time(100.0)
+
+    def rise(status: DriveStatus) -> None:
+        fake.output += 10
+
+    with pytest.raises(TargetNotReached) as caught:
+        bus.run(wait_at_speed(op, 50.0, STARTED, 5.0, None, rise))
+    assert caught.value.params["limit_s"] == 5.0 and 105.0 < bus.now < 106.0
 
 
 @pytest.mark.parametrize("held_at_s", [0.0, 90.0])

@@ -58,6 +58,7 @@ OPERATION_TESTS = (
     "hold",
     "misbehaving_drives",
     "overspeed",
+    "run_while_turning",
     "setpoint_speed",
     "standstill",
     "start",

@@ -168,7 +168,7 @@ def _check_runs_on(
         state, output = op.derived.state, abs(op.output_hz() or 0.0)
         lowest_hz = min(lowest_hz, output)
         falls = state is DriveState.DECELERATING or output < first_hz
-        runs_on = output > lowest_hz or abs(output - frequency_hz) <= near_hz or (not reports_output and not falls)
+        runs_on = not reports_output or output > lowest_hz or abs(output - frequency_hz) <= near_hz
         if state.driven and (runs_on or (not falls and conditions.now > until)):
             return outcome
         if falls and output > frequency_hz + near_hz:
@@ -287,7 +287,7 @@ def confirm_start(
     op.motion_seen = False
     while True:
         yield from wait(COMMAND_SETTLE_S)
-        error = yield from op.read_verified_state()
+        yield from op.read_verified_state()
         now = yield from op.check_not_superseded(command)
         state = op.derived.state
         if state.driven:
@@ -304,7 +304,7 @@ def confirm_start(
             key = "drives.started_and_tripped" if has_tripped else "drives.started_and_stopped"
             return op.outcome(OutcomeStatus.FAILED, key, state=state)
         elif now > deadline:
-            return _unconfirmed_outcome(op, state, error is not None)
+            return _unconfirmed_outcome(op, state)
 
 
 def _running_outcome(op: OperationContext, direction: Direction | None) -> Outcome:
@@ -320,8 +320,8 @@ def _wrong_direction_outcome(op: OperationContext, direction: Direction | None) 
     return op.outcome(OutcomeStatus.FAILED, "drives.wrong_direction", expected=expected, found=found)
 
 
-def _unconfirmed_outcome(op: OperationContext, state: DriveState, silent: bool) -> Outcome:
-    if silent or state is DriveState.UNKNOWN or state.turning:  # jogging, braking or decelerating by another command
+def _unconfirmed_outcome(op: OperationContext, state: DriveState) -> Outcome:
+    if state is DriveState.UNKNOWN or state.turning:  # jogging, braking or decelerating by another command
         return op.outcome(OutcomeStatus.UNKNOWN, "drives.start_unknown")
     op.drive.preflight = None  # the next start checks again whether the drive accepts commands
     return op.outcome(OutcomeStatus.FAILED, "drives.start_ignored", state=state, after_s=START_CONFIRM_TIMEOUT_S)
