@@ -126,7 +126,7 @@ def test_a_motor_at_0_hz_is_not_at_a_new_frequency_of_1_hz() -> None:
 
 
 @pytest.mark.parametrize("state", [sunfar.SunfarState.NOT_READY, sunfar.SunfarState.EMERGENCY_STOP])
-def test_a_decelerating_motor_that_loses_its_supply_or_is_tripped_is_not_told_to_run_again(state: int) -> None:
+def test_a_decelerating_motor_that_loses_its_supply_or_trips_is_not_asked_to_run_again(state: int) -> None:
     _, outcome = run_c320((DECELERATING, 600), 20.0, (state, 0))
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.start_failed")
 

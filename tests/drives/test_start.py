@@ -679,7 +679,7 @@ def test_a_stop_between_the_frequency_and_the_start_ends_the_start() -> None:
 
 
 def test_a_drive_whose_maximum_frequency_changes_before_the_start_is_not_started() -> None:
-    """SKF8000: its frequency is a share of P0-10, which somebody doubles at the keypad."""
+    """SKF8000: its frequency is a share of P0-10, which is doubled at the keypad."""
     profile = profiles.load("skf8000")
     fake = FakeModbus(registers=keypad_registers(profile) | {0xF00A: 5000, 0x3000: 3, 0x7001: 1000})
     dialect = create_dialect(profile, 1)
@@ -961,7 +961,7 @@ def test_the_frequency_of_a_dzb100_is_read_back_after_its_start_and_a_note_says_
 
 
 def test_an_unanswered_start_that_a_dzb100_shows_as_its_last_command_is_not_resent() -> None:
-    """It has executed the start, and somebody stopped it at its keypad since."""
+    """It has executed the start and was stopped at its keypad since."""
 
     def is_stopped_at_once(fake: FakeDzb100, request: dzb100.Dzb100Control) -> bool:
         fake.items[1] = 0
