@@ -960,6 +960,15 @@ def test_the_frequency_of_a_dzb100_is_read_back_after_its_start_and_a_note_says_
     assert outcome.exchanges[-1].sent == bus.dialect.codec.encode_request(bus.requests[-1].request)
 
 
+def test_the_frequency_of_a_start_that_a_dzb100_ignored_is_not_read_back() -> None:
+    def ignores(fake: FakeDzb100, request: dzb100.Dzb100Control) -> bool:
+        fake.items.clear()
+        return True
+
+    _, outcome = start_dzb100(FakeDzb100(on_command=ignores))
+    assert (outcome.status, outcome.key, outcome.notes) == (OutcomeStatus.FAILED, "drives.start_ignored", ())
+
+
 def test_an_unanswered_start_that_a_dzb100_shows_as_its_last_command_is_not_resent() -> None:
     """It has executed the start and was stopped at its keypad since."""
 
