@@ -102,13 +102,15 @@ def test_a_speed_that_still_approaches_is_not_waited_for_beyond_the_time_that_is
     fake = FakeC320(state=sunfar.SunfarState.ACCELERATING_FORWARD, output=1000)
     bus, op = waiting(fake)
     bus.pass_time(100.0)
+    bus.transaction_s = 0.031
 
     def rise(status: DriveStatus) -> None:
         fake.output += 10
 
     with pytest.raises(TargetNotReached) as caught:
-        bus.run(wait_at_speed(op, 50.0, STARTED, 5.0, None, rise))
-    assert caught.value.params["limit_s"] == 5.0 and 105.0 < bus.now < 106.0
+        bus.run(wait_at_speed(op, 50.0, STARTED, 5.26, None, rise))
+    params = caught.value.params
+    assert (params["limit_s"], params["waited_s"]) == (5.3, 5.3) and bus.now == pytest.approx(105.276)
 
 
 @pytest.mark.parametrize("held_at_s", [0.0, 90.0])
