@@ -177,7 +177,7 @@ def test_an_unanswered_start_is_resent_at_standstill_also_after_a_state_that_was
 
     fake = FakeC320(on_command=first_is_lost)
     bus, op = c320(fake)
-    bus.on_request = lambda ask: setattr(fake, "silent", bool(bus.effects()) and bus.now < 0.7)
+    bus.on_request = lambda ask: setattr(fake, "silent", bool(bus.effects()) and bus.now < 0.8)
     assert start(bus, op).status is OutcomeStatus.CONFIRMED
     assert len(bus.sent(sunfar.SunfarControl)) == 2
 
@@ -354,6 +354,16 @@ def test_vc660_that_reports_reverse_after_a_plain_start_is_a_failure() -> None:
 def test_a_drive_without_a_readable_setpoint_is_confirmed_without_a_note_about_it() -> None:
     bus, op = c320(FakeC320(on_command=starts))
     assert start(bus, op).notes == ()
+
+
+def test_a_model_that_shows_neither_set_nor_output_frequency_is_confirmed_with_a_note_about_it() -> None:
+    profile = profiles.load("c320")
+    hidden = {name: signal for name, signal in profile.signals.items() if name != "output_frequency"}
+    dialect = create_dialect(replace(profile, signals=hidden), 1, options={"setpoint_step": "0.01"})
+    bus = PureBus(dialect=dialect, station=FakeC320(on_command=starts))
+    outcome = start(bus, operation_for(dialect))
+    assert outcome.status is OutcomeStatus.CONFIRMED
+    assert outcome.notes == (("drives.setpoint_not_shown", {"frequency_hz": 10.0}),)
 
 
 @pytest.mark.parametrize(
