@@ -89,6 +89,15 @@ async def test_a_logout_ends_the_connection_at_once(plant: RunningService) -> No
     assert (last["type"], last["reason"], code) == ("closed", "logout", 4401)
 
 
+async def test_a_refused_handshake_has_the_status_and_the_error_of_any_request(plant: RunningService) -> None:
+    """A program whose token has expired would look for a missing right after a bare 403."""
+    with pytest.raises(InvalidStatus) as refused:
+        await live(plant, Authorization="Bearer dbt_unknown")
+    response = refused.value.response
+    assert (response.status_code, response.headers["Content-Type"]) == (401, "application/json")
+    assert json.loads(response.body)["error"]["code"] == "auth.not_logged_in"
+
+
 @pytest.mark.parametrize("origin", [None, "null", "http://evil.example", "http://127.0.0.1.evil.example"])
 async def test_a_foreign_page_cannot_connect(plant: RunningService, origin: str | None) -> None:
     async with httpx.AsyncClient(base_url=plant.url) as browser:

@@ -7,7 +7,7 @@ them is answered here and recorded in the denial log.
 from __future__ import annotations
 
 from starlette.datastructures import Headers
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from drivebus.errors import DrivebusError
 from drivebus.service.api.denial_log import DenialLog
@@ -153,10 +153,12 @@ class AuthMiddleware:
         if isinstance(error, MethodNotAllowed):
             route = self.routes.match(scope["path"])[0]
         await self.denials.record_denial(_method(scope), route.path if route else "-", error.key, actor)
-        if scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": WEBSOCKET_CLOSE_BASE + http_status(type(error))})
-        else:
+        if scope["type"] != "websocket":
             await send_error(send, error)
+        elif "websocket.http.response" in scope.get("extensions", {}):
+            await send_error(_websocket_denial(send), error)
+        else:
+            await send({"type": "websocket.close", "code": WEBSOCKET_CLOSE_BASE + http_status(type(error))})
 
     async def _forward(
         self, route: Route, credential: Credential | None, scope: Scope, receive: Receive, send: Send
@@ -167,6 +169,15 @@ class AuthMiddleware:
             await run_until_credential_ends(self.app, credential, scope, receive, send)
         else:
             await self.app(scope, receive, send)
+
+
+def _websocket_denial(send: Send) -> Send:
+    """Return a sender of the HTTP response to a handshake, instead of a close without status and reason."""
+
+    async def send_to_handshake(message: Message) -> None:
+        await send({**message, "type": f"websocket.{message['type']}"})
+
+    return send_to_handshake
 
 
 def _right_missing(right: RequiredAccess, credential: Credential) -> AccessDenied:
