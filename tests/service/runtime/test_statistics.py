@@ -6,6 +6,7 @@ import asyncio
 from dataclasses import replace
 from pathlib import Path
 
+from drivebus.service.api.operations.drives import StatisticsObject
 from drivebus.service.config.model import BusConfig
 from drivebus.testing.virtual_time import run
 from fixtures.running_service import real_service
@@ -40,3 +41,16 @@ async def test_the_statistics_contain_those_of_the_history_and_of_each_drive(tmp
         assert found["drives"].keys() == {"fan-1", "fan-2", "pump-1", "pump-2"}
         assert found["drives"]["fan-1"] == await kit.call("drives.statistics", drive="fan-1")
         assert found["history"]["samples"] > 0 and found["drives"]["fan-1"]["starts"] == 0
+
+
+def test_the_statistics_of_a_drive_without_run_state_are_as_described() -> None:
+    """A DF800 reports no run state, so its starts and hours are not known."""
+
+    async def scenario() -> None:
+        drive = replace(DRIVES[0], model="df800")
+        async with running_service(plant_config(buses=(BusConfig("a", "sim://df800@1"),), drives=(drive,))) as kit:
+            await asyncio.sleep(5)
+            found = StatisticsObject.model_validate(await kit.call("drives.statistics", drive="fan-1"))
+            assert (found.starts, found.running_h) == (None, None)
+
+    run(scenario())

@@ -141,12 +141,12 @@ class StatisticsObject(ApiObject):
     """Counts of one drive since ``since_ms``; null: not known. ``faults``: number of each by its code."""
 
     running_h: float | None
-    starts: int
+    starts: int | None
     energy_kwh: float | None
     maximum_current_a: float | None
     maximum_temperature_c: float | None
     faults: dict[str, int]
-    since_ms: int
+    since_ms: int | None
 
 
 class ReadingObject(ApiObject):

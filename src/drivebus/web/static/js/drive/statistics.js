@@ -18,7 +18,7 @@ export function StatisticsTab({ id, profile }) {
   if (!found) return html`<${Loading} />`;
   const faults = Object.entries(found.faults ?? {});
   return html`<dl class="facts"><dt>${t("page.running_h")}</dt><dd>${quantity(found.running_h, "h")}</dd>
-    <dt>${t("page.starts")}</dt><dd>${found.starts}</dd><dt>${t("page.energy")}</dt>
+    <dt>${t("page.starts")}</dt><dd>${quantity(found.starts)}</dd><dt>${t("page.energy")}</dt>
     <dd>${found.energy_kwh === null ? t("page.energy_unknown") : quantity(found.energy_kwh, "kWh")}</dd>
     <dt>${t("page.maximum_current")}</dt><dd>${quantity(found.maximum_current_a, "A")}</dd>
     <dt>${t("page.maximum_temperature")}</dt><dd>${quantity(found.maximum_temperature_c, "°C")}</dd>
