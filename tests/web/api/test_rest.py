@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from typing import Any
 
 import pytest
@@ -113,6 +114,29 @@ async def test_a_query_is_as_strict_as_a_body(query: str) -> None:
     plant = FakeService()
     answer = await ask(plant, "GET", f"{API_PREFIX}/buses/line-1/frames?{query}")
     assert (answer.status_code, plant.calls) == (422, [])
+
+
+MANY = [f"n{number}" for number in range(60_000)]
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "body", "faults"),
+    [
+        ("POST", "/stop", dict.fromkeys(MANY, 0), 100),
+        ("POST", "/drives/fan-1/parameters/write", {"values": dict.fromkeys(MANY, "")}, 1),
+        ("POST", "/alarms/acknowledge", {"alarms": [*range(1000)]}, 100),
+        ("GET", "/plant?" + "&".join(f"{number}=" for number in range(9_000)), None, 100),
+    ],
+    ids=["names", "values", "list", "query"],
+)
+async def test_a_request_with_thousands_of_wrong_parameters_never_occupies_the_process(
+    method: str, path: str, body: Any, faults: int
+) -> None:
+    """One of 900 kB with the right to stop kept the web process busy for ten seconds, and every stop with it."""
+    started = time.process_time()
+    answer = await ask(FakeService(), method, API_PREFIX + path, **({} if body is None else {"json": body}))
+    assert time.process_time() - started < 4.0
+    assert (answer.status_code, len(answer.json()["error"]["params"]["faults"])) == (422, faults)
 
 
 async def test_a_command_rejects_a_query() -> None:

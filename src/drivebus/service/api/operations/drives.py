@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, StringConstraints
+from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
+from pydantic_core import PydanticKnownError
 
 from drivebus.drives.operations.hold import MAX_RAMP_HOLD_S
 from drivebus.service.api.operations.drive_view import Direction, DriveObject
@@ -105,6 +106,18 @@ class ParameterReadParams(DriveParams):
     names: Annotated[list[Name], Field(min_length=1, max_length=64, examples=[["F0.1", "F1.07"]])]
 
 
+MAX_WRITES = 64  # parameters of one request
+
+
+def _check_number_of_writes(values: Any) -> Any:
+    """Check the number of values before each of them: pydantic would do it after all."""
+    if isinstance(values, dict) and len(values) > MAX_WRITES:
+        raise PydanticKnownError(
+            "too_long", {"field_type": "Dictionary", "max_length": MAX_WRITES, "actual_length": len(values)}
+        )
+    return values
+
+
 WordText = Annotated[str, StringConstraints(max_length=6, pattern="^[0-9][0-9A-FXHa-fxh]*$")]
 
 
@@ -122,10 +135,11 @@ class ParameterWriteParams(DriveParams):
         ],
         Field(
             min_length=1,
-            max_length=64,
+            max_length=MAX_WRITES,
             examples=[{"F1.07": 12.5}],
             json_schema_extra={"propertyNames": {"minLength": 1, "maxLength": 100, "pattern": PRINTABLE_PATTERN}},
         ),
+        BeforeValidator(_check_number_of_writes),
     ]
     save: bool = Field(default=False, examples=[False])
     force: bool = Field(default=False, examples=[False])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import islice
 from types import ModuleType
 from typing import Annotated, Any, Generic, TypeVar
 
@@ -57,6 +58,8 @@ TimeMs = Annotated[int, Field(ge=0, le=MAX_TIME_MS)]
 Cursor = Annotated[str, Field(max_length=200)]
 PageSize = Annotated[int, Field(ge=1, le=1000, examples=[100])]
 
+MAX_FAULTS = 100
+"""Wrong parameters that one error names: a request of 1 MiB can have 100,000, whose sentences take ten seconds."""
 API_PREFIX = "/api/v1"  # stands before the path of every operation
 BODY_METHODS = ("POST", "PUT", "PATCH")  # the others carry their parameters in path and query
 
@@ -203,11 +206,14 @@ class Operation:
         return {name: field.examples[0] for name, field in self.params.model_fields.items() if field.examples}
 
     def validate(self, params: Json) -> OperationParams:
-        """Return the parameters as the model. Raises InvalidParameters with every fault."""
+        """Return the parameters as the model. Raises InvalidParameters with the first ``MAX_FAULTS`` faults."""
+        known = self.params.model_fields
+        unknown = islice((name for name in params if name not in known), MAX_FAULTS)
         try:
-            return self.params.model_validate(params)
+            return self.params.model_validate({name: params[name] for name in (*(known & params.keys()), *unknown)})
         except ValidationError as error:
-            raise params_error(self.name, pydantic_faults(error.errors(include_url=False))) from error
+            found = error.errors(include_url=False)[:MAX_FAULTS]
+            raise params_error(self.name, pydantic_faults(found)) from error
 
     def all_param_schemas(self) -> Json:
         """Return the JSON schemas of the parameters, by name, without references."""
