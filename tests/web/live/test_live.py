@@ -539,6 +539,7 @@ def test_websockets_beyond_the_limit_are_refused() -> None:
         tasks = [begin(live, socket) for socket in sockets]
         await asyncio.sleep(0.1)
         assert [socket.closed for socket in sockets] == [None] * MAX_WEBSOCKETS + [(1013, "many")]
+        assert (sockets[-1].sent[-1]["type"], sockets[-1].sent[-1]["reason"]) == ("closed", "many")
         for socket in sockets:
             socket.incoming.put_nowait(None)
         await asyncio.gather(*tasks)
@@ -553,6 +554,7 @@ def test_a_connection_with_invalid_parameters_is_closed_at_once(query: dict[str,
         socket.query_params = query
         await live.serve(cast(WebSocket, socket))
         assert (socket.closed, plant.subscriptions) == ((4400, "bad_message"), [])
+        assert [(one["type"], one["reason"]) for one in socket.sent] == [("closed", "bad_message")], "the last message"
 
     run_endpoint(scenario)
 

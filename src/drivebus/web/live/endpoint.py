@@ -10,11 +10,10 @@ from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Right
 from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.web.live.messages import DEFAULT_PATTERNS, parse_interval, parse_patterns
-from drivebus.web.live.session import CLOSE_CODES, WebSocketSession
+from drivebus.web.live.session import WebSocketSession, close_socket
 from drivebus.web.route import WEBSOCKET, AccessRouter
 
 MAX_WEBSOCKETS = 300  # each costs memory
-TRY_AGAIN_LATER = 1013  # close code
 LIVE_ACTOR = Actor("web", frozenset({Right.VIEW}), "web-live", address="local")
 
 
@@ -34,9 +33,9 @@ class LiveEndpoint:
             patterns = parse_patterns(query["topics"].split(",")) if "topics" in query else DEFAULT_PATTERNS
             interval_s = parse_interval(query.get("interval"))
         except ValueError:
-            return await socket.close(CLOSE_CODES["bad_message"], "bad_message")
+            return await close_socket(socket, "bad_message")
         if self.open >= MAX_WEBSOCKETS:
-            return await socket.close(TRY_AGAIN_LATER, "many")
+            return await close_socket(socket, "many")
         self.open += 1
         try:
             await WebSocketSession(socket, self._service, self._feed, interval_s).run(patterns)

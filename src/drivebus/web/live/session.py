@@ -17,7 +17,14 @@ from drivebus.types import Json
 from drivebus.web.context import credential_of
 from drivebus.web.live.messages import ClientMessage, MessageRateLimit, parse_message
 
-CLOSE_CODES = {"slow": 4008, "bad_message": 4400, "rate_limited": 4029, "upstream_lost": 1012, "shutdown": 1012}
+CLOSE_CODES = {
+    "slow": 4008,
+    "bad_message": 4400,
+    "rate_limited": 4029,
+    "upstream_lost": 1012,
+    "shutdown": 1012,
+    "many": 1013,
+}
 """Reason → close code. The end of the login session closes the socket too, with codes of its own."""
 CLOSE_TIMEOUT_S = 1.0  # a client that does not take the last message is disconnected
 
@@ -44,7 +51,7 @@ class WebSocketSession:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
         if self._subscriber.reason.done():
-            await self._close_socket(self._subscriber.reason.result())
+            await close_socket(self._socket, self._subscriber.reason.result())
 
     def _subscribe(self, patterns: tuple[str, ...]) -> None:
         before, self._group = self._group, self._feed.join(self._subscriber, patterns, self._interval_s)
@@ -88,13 +95,14 @@ class WebSocketSession:
         except DrivebusError as error:
             return {"error": error_to_json(error)}
 
-    async def _close_socket(self, reason: str) -> None:
-        """Send the reason and close; a client that reads nothing is not waited for."""
-        last = encode_message({"type": "closed", "reason": reason, "text": localized(f"api.closed_{reason}")})
-        try:
-            async with asyncio.timeout(CLOSE_TIMEOUT_S):
-                if reason != "slow":
-                    await self._socket.send_text(last)
-                await self._socket.close(CLOSE_CODES[reason], reason)
-        except (TimeoutError, RuntimeError, WebSocketDisconnect):
-            return
+
+async def close_socket(socket: WebSocket, reason: str) -> None:
+    """Send the reason and close; a client that reads nothing is not waited for."""
+    last = encode_message({"type": "closed", "reason": reason, "text": localized(f"api.closed_{reason}")})
+    try:
+        async with asyncio.timeout(CLOSE_TIMEOUT_S):
+            if reason != "slow":
+                await socket.send_text(last)
+            await socket.close(CLOSE_CODES[reason], reason)
+    except (TimeoutError, RuntimeError, WebSocketDisconnect):
+        return
