@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 import time
 from typing import Any
 
@@ -218,6 +219,15 @@ async def test_the_status_of_a_forwarded_error_is_that_of_its_class(kind: str, s
         raise ServiceErrorReply(json.dumps({"kind": kind}).encode())
 
     assert (await ask(FakeService(**{"drives.list": fail}), "GET", f"{API_PREFIX}/drives")).status_code == status
+
+
+async def test_the_description_is_made_beside_other_requests(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first one takes a second, in which the event loop would answer no stop."""
+    app, threads = app_of(FakeService()), list[threading.Thread]()
+    monkeypatch.setattr(app, "openapi", lambda: threads.append(threading.current_thread()) or {})
+    async with client_of(app) as client:
+        assert (await client.get(f"{API_PREFIX}/openapi.json")).json() == {}
+    assert [thread is threading.main_thread() for thread in threads] == [False]
 
 
 async def test_the_description_names_every_route_with_errors_and_who_may() -> None:
