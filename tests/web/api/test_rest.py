@@ -133,7 +133,7 @@ MANY = [f"n{number}" for number in range(60_000)]
 async def test_a_request_with_thousands_of_wrong_parameters_never_occupies_the_process(
     method: str, path: str, body: Any, faults: int
 ) -> None:
-    """One of 900 kB with the right to stop kept the web process busy for ten seconds, and every stop with it."""
+    """A body of 900 kB, sent with the right to stop, kept the process busy for ten seconds, and delayed stops."""
     started = time.process_time()
     answer = await ask(FakeService(), method, API_PREFIX + path, **({} if body is None else {"json": body}))
     assert time.process_time() - started < 4.0
