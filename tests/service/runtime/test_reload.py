@@ -10,6 +10,7 @@ import pytest
 from drivebus.errors import (
     ArmRequired,
     ConfigurationError,
+    ControlNotHeld,
     DrivebusError,
     NotFound,
     ServiceError,
@@ -275,6 +276,30 @@ def test_a_start_armed_before_its_drive_or_group_was_replaced_has_to_be_armed_ag
             assert rejected.value.key == "plant.arm_void"
             armed = await kit.call(arming, ann, **target)
             await kit.call(operation, ann, **target, frequency_hz=20.0, arm_token=armed["arm_token"])
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("after", [MOVED, (FAN_2,)], ids=["replaced", "removed"])
+def test_control_of_a_drive_ends_where_a_reload_gives_its_name_to_another_motor(
+    tmp_path: Path, after: tuple[str, ...]
+) -> None:
+    """The session would set the frequency of a motor that it never took control of."""
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2)
+    ann = remote_actor()
+
+    async def scenario() -> None:
+        async with running_service(load(file)) as kit:
+            for drive in ("fan-1", "fan-2"):
+                await kit.call("lease.take", ann, drive=drive)
+            write(file, *after)
+            await kit.call("configuration.reload")
+            plant = kit.service.plant
+            assert [plant.leases.get(id, plant.now()) is not None for id in ("fan-1", "fan-2")] == [False, True]
+            assert kit.drives_of_events("plant.control_ended_by_reload", owner=ann.name) == ["fan-1"]
+            if after is MOVED:
+                with pytest.raises(ControlNotHeld):
+                    await kit.call("drive.set_frequency", ann, drive="fan-1", frequency_hz=20.0)
 
     run(scenario())
 

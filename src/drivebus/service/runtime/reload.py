@@ -107,7 +107,7 @@ class ConfigReload:
     async def _apply(self, change: ConfigDiff, new: PlantConfig) -> None:
         plant = self.plant
         inhibited = {id for id, runtime in plant.drives.items() if runtime.bus.start_inhibited(runtime.config.address)}
-        self._revoke_arm_tokens(change)
+        self._end_control(change)
         closing = self._remove_drives(change)
         plant.config = replace(new, **{name: getattr(plant.config, name) for name in RESTART_ONLY})
         self._add_new(new)
@@ -128,11 +128,17 @@ class ConfigReload:
         plant.report_lost_limits()
         plant.notify_reload()
 
-    def _revoke_arm_tokens(self, change: ConfigDiff) -> None:
-        """Invalidate the tokens of drives and groups that are replaced: a start was armed for what they were before."""
+    def _end_control(self, change: ConfigDiff) -> None:
+        """End control and arm tokens of the drives and groups that are replaced: they were for the motors of before."""
+        plant = self.plant
         for id in _leaving_drives(change):
-            self.plant.revoke_arm_tokens(id)
-        self.plant.arm_tokens.revoke(*(f"group:{id}" for id in (*change.groups.removed, *change.groups.changed)))
+            plant.revoke_arm_tokens(id)
+            lease = plant.leases.get(id, plant.now())
+            if lease is not None:
+                owner = lease.actor.name
+                plant.publish_event("lease", id, "plant.control_ended_by_reload", actor=owner, owner=owner)
+            plant.leases.remove_drive(id)
+        plant.arm_tokens.revoke(*(f"group:{id}" for id in (*change.groups.removed, *change.groups.changed)))
 
     def _remove_drives(self, change: ConfigDiff) -> list[BusRuntime]:
         for id in _leaving_drives(change):
