@@ -32,6 +32,7 @@ from drivebus.service.control.policies import STANDSTILL_CONFIRM_S
 from drivebus.simulator.motor import OutputPhase
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
+from drivebus.types import Json
 from drivebus.values import Text
 from fixtures.service import BUSES, DRIVES, LOCAL, ServiceKit, plant_config, remote_actor, running_service
 
@@ -522,17 +523,42 @@ def test_a_stopping_service_stops_a_drive_whose_ramp_it_holds(by_service: bool) 
     run(scenario())
 
 
-def test_a_service_that_ends_right_after_the_first_read_of_a_running_drive_stops_it() -> None:
-    """A killed service had started it; the supervision of this one has not had its turn since that read."""
+@pytest.mark.parametrize(("after_s", "known"), [(0.0, False), (0.2, False), (0.6, True)])
+def test_a_service_that_ends_around_the_first_read_of_running_drives_stops_them(after_s: float, known: bool) -> None:
+    """A killed service had started them; the supervision of this one has not had its turn since that read."""
 
     async def scenario() -> None:
         async with running_service() as kit:
-            station, runtime = kit.station("fan-1"), kit.service.plant.drives["fan-1"]
-            station.motor.run(20.0)
-            await asyncio.sleep(0.6)
-            assert runtime.status().state.turning and not runtime.state_was_known
-            assert [*await kit.service.stop()] == ["fan-1"]
-            assert station.motor.phase is OutputPhase.OFF
+            stations = {id: kit.station(id) for id in ("fan-1", "pump-1")}
+            for station in stations.values():
+                station.motor.run(20.0)
+            await asyncio.sleep(after_s)
+            runtime = kit.service.plant.drives["fan-1"]
+            assert (runtime.status().state.turning, runtime.state_was_known) == (known, False)
+            assert (await kit.service.stop()).keys() == stations.keys()
+            assert all(station.motor.phase is OutputPhase.OFF for station in stations.values())
+            assert kit.drives_of_events("plant.left_unknown") == []
+
+    run(scenario())
+
+
+WITHOUT_RUN_STATE = {"drives": (replace(DRIVES[0], model="df800"),), "buses": (BusConfig("a", "sim://df800@1"),)}
+WITHOUT_REPLIES = {"buses": tuple(replace(bus, port=bus.port.replace("@1,2", "@3")) for bus in BUSES)}
+WITHOUT_PORT = {"buses": tuple(replace(bus, port="/dev/absent") for bus in BUSES)}
+
+
+@pytest.mark.parametrize(
+    "plant", [WITHOUT_RUN_STATE, WITHOUT_REPLIES, WITHOUT_PORT], ids=["run state", "replies", "port"]
+)
+def test_a_service_that_ends_does_not_wait_for_the_state_of_drives_that_can_not_be_read(plant: Json) -> None:
+    async def scenario() -> None:
+        async with running_service(plant_config(groups=(), **plant)) as kit:
+            drives = list(kit.service.plant.drives)
+            await asyncio.sleep(5)
+            ends_at = kit.service.plant.now()
+            assert await kit.service.stop() == {}
+            assert kit.service.plant.now() - ends_at < 0.2
+            assert kit.drives_of_events("plant.left_unknown") == drives
 
     run(scenario())
 

@@ -24,6 +24,7 @@ from drivebus.values import Text
 
 SERVICE_STOP_TIMEOUT_S = 2.8
 """An ending service reports the outcome of its stops within three seconds, confirmed or not."""
+SERVICE_STOP_CHECK_S = 0.05
 
 
 class StopCommands:
@@ -108,23 +109,29 @@ class StopCommands:
     async def stop_started_drives(self, actor: Actor) -> Json:
         """Stop what this service started or adopted, unless the drive's ``on_service_stop`` is ``hold``.
 
-        A drive whose ramp is held is stopped in any case. Every other drive that may be running becomes an event.
+        A drive whose ramp is held is stopped in any case, and one that has not been read yet as soon as its first read
+        shows it running. Every other drive that may be running becomes an event.
         Return the outcome of each stop, None where it was not known within the timeout.
         """
-        everything = self.plant.drives.values()
-        runtimes = [runtime for runtime in everything if _stops_with_service(runtime)]
-        left = {runtime: key for runtime in everything if runtime not in runtimes and (key := _left_running(runtime))}
-        self.plant.note_stop(*runtimes, by=actor.name, kind="service")
-        stops = {runtime: asyncio.create_task(self._stop_one(runtime, actor, len(runtimes))) for runtime in runtimes}
-        if stops:
-            await asyncio.wait(stops.values(), timeout=SERVICE_STOP_TIMEOUT_S)
-        for runtime, key in left.items():
-            self.plant.publish_event("not_stopped", runtime.id, key, actor=actor.name)
-        found = {runtime.id: task.result() if task.done() else None for runtime, task in stops.items()}
+        plant = self.plant
+        timeout_at = plant.now() + SERVICE_STOP_TIMEOUT_S
+        stops: dict[DriveRuntime, asyncio.Task[Json]] = {}
+        while plant.now() < timeout_at:
+            others = [runtime for runtime in plant.drives.values() if runtime not in stops]
+            found = [runtime for runtime in others if _stops_with_service(runtime)]
+            plant.note_stop(*found, by=actor.name, kind="service")
+            stops |= {runtime: asyncio.create_task(self._stop_one(runtime, actor, len(found))) for runtime in found}
+            if all(task.done() for task in stops.values()) and not any(each.awaits_first_read for each in others):
+                break
+            await asyncio.sleep(SERVICE_STOP_CHECK_S)
+        for runtime in plant.drives.values():
+            if runtime not in stops and (key := _left_running(runtime)):
+                plant.publish_event("not_stopped", runtime.id, key, actor=actor.name)
+        outcomes = {runtime.id: task.result() if task.done() else None for runtime, task in stops.items()}
         for task in stops.values():  # the stops have been sent; their confirmation is not waited for
             task.cancel()
         await asyncio.gather(*stops.values(), return_exceptions=True)
-        return found
+        return outcomes
 
 
 def _stops_with_service(runtime: DriveRuntime) -> bool:

@@ -104,6 +104,11 @@ class DriveRuntime:
         found_running = not self.state_was_known and self.status().state.turning
         return self.started_by_service or self.adopted or found_running
 
+    @property
+    def awaits_first_read(self) -> bool:
+        """Polled, and its state may be known by the end of a first poll."""
+        return self.monitor is not None and self.monitor.awaits_first_read
+
     def end_motion(self) -> None:
         """Note that it stands still: what runs later is not this service's motion."""
         self.started_by_service = self.adopted = False
