@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drivebus.service.auth.devices import DEVICE_KEY_FILE, DeviceCookies, device_cookie_name
+from drivebus.service.auth.devices import DeviceCookies, device_cookie_name
 
 COOKIE = re.compile(r"[A-Za-z0-9_-]{22}\.[0-9a-f]{64}")
 
@@ -23,7 +23,7 @@ def test_the_key_of_the_devices_is_private_and_random(tmp_path: Path) -> None:
     keys = set()
     for name in "ab":
         DeviceCookies(tmp_path / name).issue("operator")
-        path = tmp_path / name / DEVICE_KEY_FILE
+        path = tmp_path / name / "device.key"
         assert path.stat().st_mode & 0o777 == 0o600
         keys.add(path.read_bytes())
     assert {len(key) for key in keys} == {32} and len(keys) == 2
@@ -50,11 +50,11 @@ def test_a_cookie_of_another_user_or_with_one_other_character_is_no_device(tmp_p
 @pytest.mark.parametrize("content", [b"", b"short", bytes(33)])
 def test_a_damaged_key_is_replaced_and_its_devices_are_unknown(content: bytes, tmp_path: Path) -> None:
     cookie = DeviceCookies(tmp_path).issue("operator")
-    (tmp_path / DEVICE_KEY_FILE).write_bytes(content)
+    (tmp_path / "device.key").write_bytes(content)
     devices = DeviceCookies(tmp_path)
     assert devices.device("operator", cookie) == ""
     fresh = devices.issue("operator")
-    assert DeviceCookies(tmp_path).device("operator", fresh) and len((tmp_path / DEVICE_KEY_FILE).read_bytes()) == 32
+    assert DeviceCookies(tmp_path).device("operator", fresh) and len((tmp_path / "device.key").read_bytes()) == 32
 
 
 def test_a_key_that_can_not_be_saved_lasts_as_long_as_its_process(tmp_path: Path) -> None:

@@ -103,9 +103,13 @@ def test_a_password_with_enough_uncommon_characters_is_accepted(password: str) -
         "abcd1234!@#$",
         "ch@rlie-2026",
         "michaelmichael",
+        "absolutely",
+        "aisleaisleaisle",
+        "volleyabel",
+        "abelvolley",
     ],
 )
-def test_a_frequent_password_is_rejected_also_doubled_joined_or_with_digits(password: str) -> None:
+def test_a_frequent_password_is_rejected_also_repeated_joined_or_with_digits(password: str) -> None:
     with pytest.raises(InvalidInput, match="easily guessed"):
         check_password_policy(password, "li")
 
@@ -116,6 +120,7 @@ def test_three_words_are_a_passphrase(password: str) -> None:
 
 
 def test_more_than_three_thousand_frequent_passwords_are_known() -> None:
+    common_passwords.cache_clear()
     assert len(common_passwords()) > 13_000
     assert min(map(len, common_passwords())) == MIN_KNOWN_LENGTH
     assert not any(line.startswith("#") for line in common_passwords())

@@ -116,7 +116,9 @@ def test_a_name_that_passes_for_another_is_rejected(name: str, key: str) -> None
     assert rejected.value.key == key
 
 
-@pytest.mark.parametrize("name", ["михаил", "νίκο", "王wei", "さとうケン", "김ann", "müller", "佐々木", "サーバー"])
+@pytest.mark.parametrize(
+    "name", ["михаил", "νίκο", "王wei", "さとうケン", "김ann", "müller", "佐々木", "サーバー", "aひカ漢한ㄅ々ー"]
+)
 def test_a_name_of_one_script_or_an_east_asian_one_with_latin_letters_is_accepted(name: str) -> None:
     assert UserDatabase().with_user(User(name, Role.VIEWER, None, 1)).find(name) is not None
 
