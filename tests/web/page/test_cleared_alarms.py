@@ -145,3 +145,36 @@ def test_a_drive_whose_alarm_has_cleared_is_not_abnormal_and_is_found_until_it_i
     expect(note).to_be_visible()
     page.click("[data-do=acknowledge]")
     expect(note).to_have_count(0)
+
+
+WRONG_MARKS = """async () => {
+  const store = await import('/static/js/store.js');
+  const text = { en: 'x', zh: 'x' };
+  const quiet = { text, remedy: null, setting: null, subject: null, value: null, incident: null, acknowledged_ms: null,
+    shelved_until_ms: null, shelved_by: null, shelved_reason: null };
+  const drives = store.idsOf('drives').value;
+  const wrong = [];
+  for (let round = 0; round < 30; round += 1) {
+    const active = [];
+    for (let n = 0; n < 40; n += 1) {
+      const isCleared = (n * 7 + round * round) % 11 > 0;
+      if ((n + round) % 5 > 0) active.push({ ...quiet, id: `a${n}`, drive: drives[n % drives.length], priority: 'high',
+        kind: n % 2 ? 'no_response' : 'stale', title: { en: `T${n % 4}`, zh: 'x' }, raised_ms: 1000 - n,
+        cleared_ms: isCleared ? 1 : null });
+    }
+    store.applyDelta({ topics: { alarms: { active } } });
+    await new Promise((resolve) => { setTimeout(resolve, 100); });
+    for (const row of document.querySelectorAll('.alarmrow')) {
+      const isPlain = getComputedStyle(row.querySelector('.priority')).outlineStyle === 'solid';
+      if (isPlain !== row.classList.contains('cleared')) wrong.push(`${round} ${row.className}`);
+    }
+  }
+  return wrong;
+}"""
+
+
+def test_the_mark_of_an_alarm_that_moves_in_the_list_shows_whether_it_still_holds(visit: Any) -> None:
+    """Regression: the mark of an alarm that still held was without its colour, and that of a cleared one had it."""
+    page = visit("#/alarms", role="operator")
+    page.locator("h1").wait_for()
+    assert page.evaluate(WRONG_MARKS) == []

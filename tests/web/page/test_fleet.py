@@ -322,6 +322,36 @@ def test_error_rates_of_many_drives_are_one_sentence_with_their_range(
     assert expected in found["text"] and "1.0 %" in found["text"]
 
 
+WRONG_TILES = """async () => {
+  const store = await import('/static/js/store.js');
+  const ids = store.idsOf('drives').value;
+  const quiet = { state: 'stopped', presence: 'online', fault: null, start_inhibited: false, stop_pending: false };
+  const fault = { code: 3, label: 'E3', text: { en: 'x', zh: 'x' }, cause: null, remedy: null };
+  const show = async (topics) => {
+    store.applyDelta({ topics });
+    await new Promise((resolve) => { setTimeout(resolve, 200); });
+  };
+  await show(Object.fromEntries(ids.map((id) => [`drives/${id}`, quiet])));
+  const wrong = [];
+  for (const id of ids) for (const turn of [{ state: 'fault', fault }, quiet]) {
+    await show({ [`drives/${id}`]: turn });
+    for (const tile of document.querySelectorAll('.tile')) {
+      const isHidden = getComputedStyle(tile.querySelector('.tilerow')).display === 'none';
+      if (isHidden !== (tile.querySelector('.tilefault') !== null)) wrong.push(`${id} ${turn.state}`);
+    }
+  }
+  return wrong;
+}"""
+
+
+def test_a_tile_that_moves_as_it_trips_or_is_reset_is_drawn_by_its_new_state(visit: Any) -> None:
+    """Regression: sorted by urgency, a tripped drive kept its row of values over its fault; a reset one had none."""
+    page = visit("#/fleet", size=(1440, 900))
+    page.locator(".tile").nth(4).wait_for()
+    page.get_by_label(i18n.text("page.sort", "en")).select_option("urgency")
+    assert page.evaluate(WRONG_TILES) == []
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_a_group_at_rest_says_how_many_of_its_drives_are_tripped(stage: Stage, visit: Any, language: str) -> None:
     """Regression: the group read *stopped* while one of its drives was tripped."""

@@ -9,3 +9,13 @@ export {
   batch, computed, effect, h, render, signal, useComputed, useEffect, useId, useLayoutEffect, useMemo, useRef,
   useSignalEffect, useState,
 };
+
+const nativeMove = Element.prototype.moveBefore;
+
+/** Move a node as Preact does, with its style up to date: Chromium 156 drops the pending changes of style below a node that
+ * moves, and a cleared alarm kept the colour of an active one. */
+function moveBefore(node, next) {
+  void getComputedStyle(node).color;
+  nativeMove.call(this, node, next);
+}
+if (nativeMove) Element.prototype.moveBefore = moveBefore;
