@@ -340,6 +340,24 @@ def test_a_motor_that_stops_between_the_two_reads_of_its_state_is_not_started() 
     assert not bus.sent(modbus.WriteRegister)
 
 
+@pytest.mark.parametrize("is_checked", [False, True], ids=["pre-flight check", "state read twice"])
+def test_a_motor_that_another_program_pauses_during_the_checks_of_a_run_stays_paused(is_checked: bool) -> None:
+    """The run was meant as a new frequency of a running motor; the pause came after it."""
+    registers = {STATUS: 0x0009, 0x0001: 4, 0x3001: 2000}
+    bus = PureBus(dialect=dialect_for("vc660"), station=FakeModbus(registers=registers))
+    if is_checked:
+        bus.run(ensure_preflight(operation_for(bus.dialect)))
+
+    def pauses(ask: Any) -> None:
+        if isinstance(ask.request, modbus.ReadRegisters) and ask.request.register == (STATUS if is_checked else 0x0001):
+            registers[STATUS] = 0x0029
+
+    bus.on_request = pauses
+    with pytest.raises(StartInhibited, match="Another source paused it"):
+        bus.run(run(operation_for(bus.dialect), 30.0, None))
+    assert not bus.sent(modbus.WriteRegister)
+
+
 def test_a_start_the_other_way_round_waits_until_the_paused_motor_stands() -> None:
     async def played() -> None:
         async with SimulatedDrives("vc660") as bench:

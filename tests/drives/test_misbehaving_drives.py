@@ -292,6 +292,7 @@ def test_three_damaged_replies_inhibit_a_start_and_two_do_not(damaged: int, bloc
         limits_checked=True,
         is_prepared=True,
         motion_seen=False,
+        run_seen=False,
     )
     command = DriveCommand("start-1", CommandKind.START, 10.0, 3)
     with pytest.raises(StartInhibited) if blocked else contextlib.nullcontext():

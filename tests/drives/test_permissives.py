@@ -32,6 +32,7 @@ STANDSTILL = DriveEvidence(
     limits_checked=True,
     is_prepared=True,
     motion_seen=False,
+    run_seen=False,
 )
 
 
@@ -134,6 +135,7 @@ def test_a_family_without_a_run_status_is_judged_by_its_preflight_alone() -> Non
         limits_checked=True,
         is_prepared=True,
         motion_seen=False,
+        run_seen=False,
     )
     request_permit(evidence=blind)
     check_withheld(StartInhibited, "drives.preflight_not_done", evidence=replace(blind, preflight_passed=False))
@@ -185,6 +187,13 @@ def test_a_motor_that_turned_when_the_command_began_is_not_started(kind: str) ->
     stopped = replace(STANDSTILL, motion_seen=True)
     command = DriveCommand("x", CommandKind(kind), 10.0, 3)
     check_withheld(StartInhibited, "drives.stopped_meanwhile", command=command, evidence=stopped)
+
+
+def test_a_motor_that_ran_when_the_command_began_is_not_run_again_after_a_pause() -> None:
+    paused = replace(STANDSTILL, derived=DerivedState(DriveState.PAUSED), motion_seen=True)
+    resume = DriveCommand("x", CommandKind.RESUME, 10.0, 3)
+    request_permit(resume, evidence=paused)
+    check_withheld(StartInhibited, "drives.paused_meanwhile", command=resume, evidence=replace(paused, run_seen=True))
 
 
 def test_a_drive_that_needs_a_word_before_a_start_gets_that_word_and_no_start() -> None:
@@ -327,6 +336,7 @@ def test_a_setpoint_that_only_sets_needs_its_limits_and_nothing_of_the_drive() -
         limits_checked=True,
         is_prepared=True,
         motion_seen=False,
+        run_seen=False,
     )
     request_permit(setpoint, Effect.SETTING, replace(CONDITIONS, damage_rate=1.0, damaged=9), nothing)
     check_withheld(
@@ -349,6 +359,7 @@ def test_a_write_or_a_reset_asks_for_no_limits_and_no_state(kind: CommandKind) -
         limits_checked=False,
         is_prepared=True,
         motion_seen=False,
+        run_seen=False,
     )
     command = DriveCommand("x", kind, 10.0, 3)
     permit = request_permit(command, Effect.SETTING, replace(CONDITIONS, damage_rate=1.0, damaged=9), faulty)

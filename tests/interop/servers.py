@@ -86,6 +86,7 @@ def permitted_write(bus: Bus, request: Any) -> BusRequest:
         limits_checked=True,
         is_prepared=True,
         motion_seen=False,
+        run_seen=False,
     )
     conditions = BusConditions(now=now, stop_epoch=stop_epoch)
     permit = permissives.grant_permit(

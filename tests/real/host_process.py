@@ -84,6 +84,7 @@ def start_of(bus: Bus, drive: Drive) -> BusRequest:
         limits_checked=True,
         is_prepared=True,
         motion_seen=False,
+        run_seen=False,
     )
     conditions = BusConditions(now=now, stop_epoch=stop_epoch)
     frame = drive.dialect.start(None, 2000)[0]

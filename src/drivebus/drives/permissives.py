@@ -91,6 +91,8 @@ class DriveEvidence:
     """The status asks for no further word before a start."""
     motion_seen: bool
     """A read since the command began, or since its own last stop, showed the motor turning."""
+    run_seen: bool
+    """A read since the command began showed the motor following its set frequency."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -175,7 +177,7 @@ def _check_drive_state(
 ) -> None:
     """Check the state: a start begins at standstill or ends a pause, a setpoint that moves (DZB100) changes a run.
 
-    A motor that turned when the command began was stopped after it, which a start must not undo.
+    A motor that turned when the command began was stopped or paused after it, which a start must not undo.
     """
     if not evidence.preflight_passed:
         raise StartInhibited("drives.preflight_not_done")
@@ -188,5 +190,7 @@ def _check_drive_state(
         raise state_inhibit(evidence.derived, command.kind)
     if evidence.motion_seen and command.kind in (CommandKind.START, CommandKind.JOG):
         raise StartInhibited("drives.stopped_meanwhile", kind=command.kind)
+    if evidence.run_seen and command.kind is CommandKind.RESUME:
+        raise StartInhibited("drives.paused_meanwhile")
     if effect is Effect.MOTION and not evidence.is_prepared:
         raise StartInhibited("drives.not_prepared")

@@ -112,6 +112,7 @@ class OperationContext:
         self.limits_checked = False  # frequency and direction are within the limits of drive and user
         self.overspeed_hz: float | None = None  # after a start from standstill: no output frequency may be above
         self.motion_seen = False  # at least one reading showed that the drive turns, and no stop was confirmed since
+        self.run_seen = False  # at least one reading showed that the motor follows its set frequency
         self.changes_run = False  # the drive may turn: every acting frame makes its run one of this command
         self.may_be_running = False  # a frame that moves may have been sent and not been rejected, and no stop since
         self.last_motion_result: BusResult | None = None  # of the last frame that moves
@@ -300,6 +301,7 @@ class OperationContext:
         single.latest = single.previous = dict(self.reading_pairs.latest)
         derived = self.dialect.derive_state(single)
         self.motion_seen = self.motion_seen or (derived is not None and derived.state.turning)
+        self.run_seen = self.run_seen or (derived is not None and derived.state in permissives.RUN_STATES)
         self.state_reports.add(derived, single.latest)
 
     def _with_fault_code(self, derived: DerivedState) -> DriveOperation[DerivedState]:
@@ -361,6 +363,7 @@ class OperationContext:
             limits_checked=self.limits_checked,
             is_prepared=self.is_prepared(),
             motion_seen=self.motion_seen,
+            run_seen=self.run_seen,
         )
 
     def is_prepared(self) -> bool:
