@@ -263,11 +263,20 @@ def test_a_rejected_read_has_the_meaning_of_its_exception(code: int | None, reas
     assert dialect.decode_readings(request, modbus.ExceptionReply(1, 3, code), 0.0)["state"].reason == reason
 
 
-@pytest.mark.parametrize(("language", "words"), [("en", ("check", "compare", "look")), ("zh", ("请",))])
 @pytest.mark.parametrize("code", [1, 2, 3, 4])
-def test_a_documented_modbus_exception_names_the_next_step(code: int, language: str, words: tuple[str, ...]) -> None:
-    _, _, step = i18n.text(f"drives.modbus_exception_{code}", language).partition(str(code))
-    assert any(word in step for word in words)
+def test_the_next_step_after_a_documented_modbus_exception_is_apart_from_its_meaning(code: int) -> None:
+    """The meaning is also the reason of a reading and a part of the sentence about a stop."""
+    rejection = dialect_for("vc660").rejection(modbus.ExceptionReply(1, 6, code))
+    assert rejection.remedy_key == f"drives.modbus_remedy_{code}" and i18n.known(rejection.remedy_key)
+    for language, words in (("en", ("check", "compare")), ("zh", ("请",))):
+        assert any(word in i18n.text(rejection.remedy_key, language) for word in words)
+        assert not any(word in i18n.text(rejection.key, language) for word in words)
+
+
+@pytest.mark.parametrize("code", [5, 6, 7, 8, 10, 11])
+def test_an_exception_whose_meaning_differs_between_makers_names_the_manual(code: int) -> None:
+    rejection = dialect_for("vc660").rejection(modbus.ExceptionReply(1, 6, code))
+    assert rejection.remedy_key is None and "see the manual" in i18n.text(rejection.key)
 
 
 SUNFAR_REJECTIONS = {

@@ -641,7 +641,7 @@ class Rejects(FakeModbus):
 
     def __call__(self, request: Any) -> Any:
         if isinstance(request, modbus.WriteRegister) and request.value in self.words:
-            return modbus.ExceptionReply(1, 6, 6)
+            return modbus.ExceptionReply(1, 6, 4)
         return super().__call__(request)
 
 
@@ -665,6 +665,7 @@ def test_a_rejected_pause_or_ramp_hold_is_reported_at_once_and_not_repeated(oper
     op = operation_for(bus.dialect)
     outcome = bus.run(operation(op))
     assert outcome.status is OutcomeStatus.REFUSED and len(bus.sent(modbus.WriteRegister)) == 1
+    assert [key for key, _ in outcome.notes] == ["drives.modbus_remedy_4"]
     assert op.age.checks_started_at == 0.0, "slow checks end before the frame: the clock began with them"
 
 

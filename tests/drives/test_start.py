@@ -899,6 +899,7 @@ def test_a_rejected_set_frequency_is_named_and_no_start_is_sent() -> None:
     assert (outcome.status, outcome.params["code"]) == (OutcomeStatus.REFUSED, 3)
     assert outcome.key == "drives.start_setpoint_refused"
     assert "rejected the set frequency of 10.0 Hz, and no start was sent" in outcome.text("en")
+    assert ("drives.modbus_remedy_3", {}) in outcome.notes
     assert fake.written == []
 
 

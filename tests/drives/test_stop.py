@@ -477,6 +477,23 @@ def test_a_rejected_stop_of_a_modbus_drive_counts_as_unanswered() -> None:
     assert "the drive rejected" in outcome.text("en") and "still reported running" in outcome.text("en")
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_only_next_step_after_a_rejected_stop_is_the_hard_wired_one(language: str) -> None:
+    """Exception 4 told the reader to look whether the run forbids the stop."""
+
+    class Refuses(FakeModbus):
+        def __call__(self, request: Any) -> Any:
+            if isinstance(request, modbus.WriteRegister):
+                return modbus.ExceptionReply(1, 6, 4)
+            return super().__call__(request)
+
+    bus = PureBus(dialect=dialect_for("vc660"), station=Refuses(registers={0x3000: 0x0009}))
+    outcome = bus.run(stop(operation_for(bus.dialect)))
+    assert outcome.key == "drives.stop_rejected_running" and not outcome.notes
+    assert i18n.text("drives.modbus_remedy_4", language) not in outcome.text(language)
+    assert "check" not in outcome.text("en")
+
+
 def progress_of(
     *, transaction_s: float = inf, slowed_at: float | None = None, deceleration_s: float | None = None, **drives: int
 ) -> tuple[Any, StopProgress]:

@@ -64,6 +64,8 @@ class Rejection:
     code: int | None
     may_be_executed: bool = False
     """Whether the drive may execute the request nevertheless."""
+    remedy_key: str | None = None
+    """Key of the sentence that names the next step after a rejected command."""
 
     @property
     def text(self) -> Text:

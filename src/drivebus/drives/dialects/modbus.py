@@ -71,6 +71,8 @@ RTU_END_SILENCE_CHARACTERS = 3.5
 """Characters (Modbus over serial line 2.5.1.1); at 300 baud 117 ms, more than VC660's whole reply delay."""
 _EXECUTION_UNKNOWN_CODES = frozenset({5, 11})
 """Exceptions of a request that is or may be executed: acknowledge; a gateway without reply of the drive."""
+_STANDARD_CODES = frozenset({1, 2, 3, 4})
+"""Exceptions with the meaning of the Modbus application protocol 7; above, the meaning differs between makers."""
 LOOPBACK_NONCE_STEP = 0x9E37
 """An odd step visits all 65,536 nonces before one comes again."""
 
@@ -334,7 +336,8 @@ class ModbusDialect(Dialect):
         if reply.code is None:
             return Rejection("drives.modbus_refused_short", None)
         may_be_executed = reply.code in _EXECUTION_UNKNOWN_CODES
-        return Rejection(f"drives.modbus_exception_{reply.code}", reply.code, may_be_executed)
+        remedy = f"drives.modbus_remedy_{reply.code}" if reply.code in _STANDARD_CODES else None
+        return Rejection(f"drives.modbus_exception_{reply.code}", reply.code, may_be_executed, remedy)
 
     def setpoint_frequency(self, word: int) -> float:
         return setpoint_scale(self.profile, self.options).value(word)

@@ -430,10 +430,13 @@ class OperationContext:
         """
         if not result.sent and result.error is not None:
             raise result.error
-        rejection = None if result.reply is None else self.dialect.rejection(result.reply)
-        if rejection is None:
-            return None
-        return self.outcome(OutcomeStatus.REFUSED, rejection.key, code=rejection.code, **params)
+        rejection = self._rejection(result)
+        return None if rejection is None else self.refused_outcome(rejection, **params)
+
+    def refused_outcome(self, rejection: Rejection, **params: Any) -> Outcome:
+        """Return the outcome of a command that the drive rejected; a note names the next step where one is known."""
+        outcome = self.outcome(OutcomeStatus.REFUSED, rejection.key, code=rejection.code, **params)
+        return outcome if rejection.remedy_key is None else with_note(outcome, rejection.remedy_key)
 
     def unverifiable_outcome(self, answered: bool, acknowledged: str, unknown: str, **params: Any) -> Outcome:
         """Return the outcome of an effect that no read can show: acknowledged if the drive answered, else unknown."""

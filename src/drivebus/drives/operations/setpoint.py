@@ -67,7 +67,7 @@ def write_setpoint(
         if not result.sent and result.error is not None:
             raise result.error
     if refused is not None:
-        return op.outcome(OutcomeStatus.REFUSED, refused.key, code=refused.code)
+        return op.refused_outcome(refused)
     return (yield from read_back_setpoint(op, word, frequency_hz, answered))
 
 
