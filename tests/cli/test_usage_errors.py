@@ -87,6 +87,11 @@ def test_the_error_of_an_invalid_number_has_the_allowed_range(
         ("run --service http://127.0.0.1:1 --group fans --frequency 5", "`drivebus set-frequency`"),
         ("run --frequency", "`drivebus run --help`"),
         ("status sim://c320@1 --model c321 --address 1", "`drivebus models --search WORD`"),
+        ("run http://127.0.0.1:8080 --frequency 20", "--service http://127.0.0.1:8080 --drive NAME"),
+        ("stop http://127.0.0.1:8080", "--service http://127.0.0.1:8080 --drive NAME"),
+        ("stop --all http://127.0.0.1:8080", "--service http://127.0.0.1:8080 --drive NAME"),
+        ("monitor http://127.0.0.1:8080", "`drivebus monitor --service http://127.0.0.1:8080`"),
+        ("models show vc660", "`drivebus models --search vc660`"),
     ],
 )
 def test_a_refusal_names_the_next_step(line: str, step: str, language: str) -> None:
@@ -115,6 +120,13 @@ def test_a_file_that_does_not_exist_is_not_called_found(
     monkeypatch.chdir(tmp_path)
     output = run_words(shlex.split(line), "en").output
     assert "no such file: - found" in output and '"none.toml" found' not in output, output
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_jog_or_calibration_that_a_pause_forbids_names_the_stop_beside_the_run(language: str) -> None:
+    """They begin at standstill: a run would turn the motor at its set frequency."""
+    hint = i18n.text("hint.drives.state_forbids_paused", language)
+    assert "`drivebus run`" in hint and "`drivebus stop`" in hint
 
 
 def test_a_ramp_hold_that_the_model_lacks_is_not_announced() -> None:

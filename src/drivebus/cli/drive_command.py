@@ -45,15 +45,8 @@ class RemoteCommand(CliCommand):
                 for name in ("group", "drive"):
                     if ctx.params.get(name) is not None:
                         raise ConfigurationError(f"service.{name}_alone") from None
-                self._check_port_form(ctx)
+                check_port_form(ctx.params.get("port"))
             raise
-
-    def _check_port_form(self, ctx: click.Context) -> None:
-        """Raise PortUrlError where the port is none by its form: the name of a service's drive needs no ``--model``."""
-        from drivebus.ports.url import parse_port_url
-
-        if (port := ctx.params.get("port")) is not None:
-            parse_port_url(port)
 
     def _check_port(self, ctx: click.Context, args: list[str]) -> None:
         """Raise UsageError where a port does not stand first, or is given beside ``--service``, which replaces it.
@@ -104,6 +97,17 @@ def _is_port(word: str) -> bool:
     except PortUrlError:
         return False
     return True
+
+
+def check_port_form(port: str | None) -> None:
+    """Raise PortUrlError where a port is none by its form, such as the name of a service's drive or its page's address.
+
+    The hint of that error is ``--service``, which needs no ``--model``.
+    """
+    from drivebus.ports import open_port
+
+    if port is not None:
+        open_port(port)
 
 
 def _optional(param: click.Parameter) -> click.Parameter:

@@ -206,7 +206,7 @@ def usage_text(error: click.ClickException) -> str:
     if extra := _EXTRA_ARGUMENTS.fullmatch(error.message):
         sentence = output.text("cli.extra_arguments", arguments=extra[1])
         if isinstance(error, click.UsageError) and error.ctx is not None and error.ctx.command.name == "models":
-            return output.join([sentence, output.text("cli.models_search", words=extra[1])], "clauses")
+            return output.join([sentence, output.text("cli.models_search", word=extra[1].split()[-1])], "clauses")
         is_unit = extra[1].lower() in _UNIT_WORDS
         return output.join([sentence, output.text("cli.number_alone")], "clauses") if is_unit else sentence
     return error.format_message()

@@ -18,7 +18,13 @@ import click
 from drivebus.cli import options, output
 from drivebus.cli.click_ext import Argument, Option
 from drivebus.cli.connect import Target, record_port
-from drivebus.cli.drive_command import RemoteCommand, pop_remote_target, reject_local_options, run_command
+from drivebus.cli.drive_command import (
+    RemoteCommand,
+    check_port_form,
+    pop_remote_target,
+    reject_local_options,
+    run_command,
+)
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.stop_errors import stop_errors, stop_to_the_end
 from drivebus.cli.stop_result import (
@@ -142,10 +148,8 @@ def _require(name: str, value: Any) -> None:
 
 def _require_model(port: str, model: str | None) -> None:
     """Raise the usage error of a missing model, PortUrlError where the port is none: that error names the remedy."""
-    from drivebus.ports.url import parse_port_url
-
     if model is None:
-        parse_port_url(port)
+        check_port_form(port)
     _require("model", model)
 
 
