@@ -21,7 +21,6 @@ from typing import Any
 
 import pytest
 
-from drivebus import i18n
 from drivebus.cli.commands import serve
 from drivebus.cli.errors import ExitCode
 from drivebus.errors import ConfigurationError
@@ -57,11 +56,15 @@ def test_a_drive_without_confirmed_stop_at_the_end_is_logged(monkeypatch: pytest
 
     lines: list[str] = []
     monkeypatch.setattr("drivebus.service.process.main.run_service", ended)
-    monkeypatch.setattr(
-        logging_setup.LOG, "error", lambda text, extra: lines.append(f"{extra['event']['drive']} {text}")
-    )
+
+    def record(text: str, extra: dict[str, Any]) -> None:
+        line = logging_setup.PlainFormatter().format(record_of(text, extra["event"]["drive"]))
+        lines.append(line.partition(" WARNING ")[2])
+
+    monkeypatch.setattr(logging_setup.LOG, "error", record)
     assert asyncio.run(serve._run(plant_config(), (), "text")) is ExitCode.UNKNOWN
-    assert lines == [f"{drive} {i18n.text('serve.unconfirmed', drive=drive)}" for drive in ("fan-1", "fan-4")]
+    end = "stop not confirmed. Check the drive locally; use the hard-wired stop."
+    assert lines == [f"{drive}: {end}" for drive in ("fan-1", "fan-4")], "each drive is named once"
 
 
 def test_a_log_without_a_reader_blocks_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -756,6 +756,13 @@ def test_no_cell_of_the_stations_of_a_bus_is_cut_off_on_a_phone(visit: Any, expe
     assert len({box["y"] for box in nodes[:3]}) == 1
 
 
+def test_a_fault_without_a_label_has_a_dash_in_its_place(visit: Any, expect: Any) -> None:
+    page = visit("#/models/vc660?tab=faults")
+    fault = page.get_by_role("region", name=word("all_faults")).locator("tbody tr").first
+    expect(fault).to_contain_text("under-voltage")
+    assert "" not in [one.strip() for one in fault.locator("td").all_inner_texts()]
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 @pytest.mark.parametrize("way", ["models", "models/c320"])
 def test_no_cell_of_the_models_and_of_their_signals_is_cut_off_on_a_phone(

@@ -54,7 +54,7 @@ async def _run(config: PlantConfig, without: tuple[str, ...], log: LogFormat) ->
     )
     unconfirmed = [drive for drive, outcome in outcomes.items() if outcome is None or "status" not in outcome]
     for drive in unconfirmed:
-        LOG.error(output.text("serve.unconfirmed", drive=drive), extra={"event": {"kind": "stop", "drive": drive}})
+        LOG.error(output.text("serve.unconfirmed"), extra={"event": {"kind": "stop", "drive": drive}})
     return ExitCode.UNKNOWN if unconfirmed else ExitCode.DONE
 
 

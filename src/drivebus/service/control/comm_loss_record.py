@@ -44,7 +44,7 @@ class CommLossRecord:
     parameters: Mapping[str, int]
     """Raw values of the communication-loss parameters by notation; empty where the manual publishes none."""
     fault: str | None
-    """Label of the fault that was read, None: no fault."""
+    """Label of the fault that was read, else its code; empty where the drive names neither, None: no fault."""
 
     @classmethod
     def from_json(cls, text: str | None) -> CommLossRecord | None:

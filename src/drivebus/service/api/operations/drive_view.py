@@ -35,7 +35,7 @@ class SignalObject(ApiObject):
 class CommLossTestedObject(CommLossRecord):
     """Record of the last communication-loss test; it counts now where it ``holds``.
 
-    ``parameters``: raw values by notation at that time; ``fault``: label on the keypad.
+    ``parameters``: raw values by notation at that time; ``fault``: label on the keypad, else the code.
     """
 
     __pydantic_config__ = OPEN_OBJECT

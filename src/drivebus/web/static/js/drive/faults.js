@@ -57,7 +57,7 @@ export function KnownFaults({ view, profile }) {
   return html`<div class="stack"><${SearchField} value=${search} onChange=${setSearch} />
     <${Table} stacks caption=${t("page.all_faults")} rows=${rows} keyOf=${(one) => one.code}
       rowClass=${(one) => (view?.fault?.code === one.code ? "changed" : undefined)} columns=${[
-        [t("page.code"), (one) => one.code, "right"], [t("page.label"), (one) => html`<b>${one.label}</b>`],
+        [t("page.code"), (one) => one.code, "right"], [t("page.label"), (one) => html`<b>${one.label || NO_VALUE}</b>`],
         [t("page.fault"), (one) => localized(one.text), "wide"], [t("page.cause"), (one) => localized(one.cause) || NO_VALUE, "wide"],
         [t("page.remedy"), (one) => localized(one.remedy) || NO_VALUE, "wide"],
       ]} /></div>`;
