@@ -479,7 +479,7 @@ def test_a_rejected_stop_of_a_modbus_drive_counts_as_unanswered() -> None:
 
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_the_only_next_step_after_a_rejected_stop_is_the_hard_wired_one(language: str) -> None:
-    """Exception 4 told the reader to look whether the run forbids the stop."""
+    """The next step after exception 4 was part of its meaning: to look whether the run forbids the stop."""
 
     class Refuses(FakeModbus):
         def __call__(self, request: Any) -> Any:
