@@ -138,6 +138,15 @@ def test_the_name_of_a_token_is_visible_text_without_control_characters(label: s
     assert rejected.value.key == "auth.bad_label"
 
 
+def test_a_token_that_may_start_a_drive_may_stop_it() -> None:
+    """Without the right to stop, it could not even renew its control of the motor that it had started."""
+    database = UserDatabase().with_user(ADMIN)
+    with pytest.raises(InvalidInput) as rejected:
+        database.with_token(replace(TOKEN, rights=(Right.VIEW, Right.OPERATE)))
+    assert rejected.value.key == "auth.operate_without_stop"
+    database.with_token(replace(TOKEN, rights=(Right.STOP, Right.OPERATE)))
+
+
 def test_a_token_cannot_have_more_rights_than_its_user() -> None:
     database = UserDatabase().with_user(ADMIN).with_user(User("vera", Role.VIEWER, "$", 1))
     with pytest.raises(InvalidInput) as rejected:

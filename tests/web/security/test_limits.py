@@ -276,7 +276,7 @@ def test_a_hundred_megabytes_and_a_slow_drip_end_early(
     harness = WebAppHarness(tmp_path)
 
     async def scenario() -> None:
-        token = await harness.token("operator", "operate")
+        token = await harness.token("operator", "operate", "stop")
         headers = {"host": "127.0.0.1:8080", "authorization": f"Bearer {token}", **JSON} | more
         begun = asyncio.get_running_loop().time()
         assert await status_of(harness, headers, parts) == status

@@ -122,14 +122,16 @@ class UserDatabase:
         )
 
     def with_token(self, token: Token) -> UserDatabase:
-        """Add a token. Raises ResourceNotFound for its user, InvalidInput for rights that the user lacks or none, and
-        for a name that is blank or has control characters, as it is shown to others.
+        """Add a token. Raises ResourceNotFound for its user, InvalidInput for rights that the user lacks or none, for
+        ``operate`` without ``stop``, and for a name that is blank or has control characters, as it is shown to others.
         """
         if CONTROL_CHARACTERS.search(token.name) or is_blank(token.name):
             raise InvalidInput("auth.bad_label", name=CONTROL_CHARACTERS.sub("�", token.name))
         beyond = set(token.rights) - ROLE_RIGHTS[self.user(token.user).role]
         if beyond or not token.rights:
             raise InvalidInput("auth.beyond_role", rights=tuple(sorted(beyond)))
+        if Right.OPERATE in token.rights and Right.STOP not in token.rights:
+            raise InvalidInput("auth.operate_without_stop")
         return replace(self, tokens=(*self.tokens, token))
 
     def without_token(self, id: str) -> UserDatabase:
