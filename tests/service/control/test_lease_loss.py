@@ -9,9 +9,11 @@ import pytest
 
 from drivebus import i18n
 from drivebus.drives.state import DriveState
-from drivebus.errors import ArmRequired
+from drivebus.errors import ArmRequired, ControlNotHeld, NotFound
 from drivebus.service.alarms import SystemAlarm
+from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import OnClientLost
+from drivebus.simulator.motor import OutputPhase
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
@@ -41,6 +43,32 @@ def test_the_end_of_a_jog_revokes_earlier_arm_tokens(lost: bool) -> None:
             with pytest.raises(ArmRequired):
                 await kit.call("drive.run", ANN, drive="fan-1", frequency_hz=20.0, arm_token=second)
             assert kit.station("fan-1").motor.starts == starts
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("taken", [True, False])
+def test_a_jog_ends_when_another_session_takes_control(taken: bool) -> None:
+    """Its owner goes on to renew it. Control that has merely ended is nobody's, and the jog goes on."""
+    engineer = remote_actor("li", Role.ENGINEER)
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(2)
+            await kit.grant_waivers()
+            await kit.call("lease.take", ANN, drive="fan-1")
+            arm = (await kit.call("drive.arm", ANN, drive="fan-1"))["arm_token"]
+            jog = (await kit.call("drive.jog", ANN, drive="fan-1", frequency_hz=5.0, arm_token=arm))["jog"]
+            if taken:
+                await kit.call("lease.take", engineer, drive="fan-1")
+            refused = 0
+            for _ in range(60):
+                await asyncio.sleep(0.2)
+                try:
+                    await kit.call("drive.jog_renew", ANN, drive="fan-1", jog=jog)
+                except (ControlNotHeld, NotFound):
+                    refused += 1
+            assert (refused > 0, kit.station("fan-1").motor.phase is OutputPhase.OFF) == (taken, taken)
 
     run(scenario())
 

@@ -52,10 +52,16 @@ class RemoteJogs:
 
     @handles(DRIVE_JOG_RENEW)
     async def renew(self, params: ActiveJogParams, actor: Actor) -> Json:
-        """Extend a jog. Raises StartInhibited where it had ended: the motor was stopped."""
+        """Extend a jog. Raises StartInhibited where it had ended: the motor was stopped.
+
+        Raises ControlNotHeld where it is another session's, or another session has taken control since: then it ends.
+        """
         jog = self._find(params)
         if jog.actor.session != actor.session:
             raise ControlNotHeld("plant.not_owner", drive=jog.drive.id, owner=jog.actor.name)
+        now = self.plant.now()
+        if self.plant.leases.get(jog.drive.id, now) is not None:
+            self.plant.leases.require_own(jog.drive.id, actor, now)
         jog.session.renew()
         return {"lease_s": jog.session.lease_s}
 
