@@ -32,6 +32,21 @@ export function go(page, id = null, query = {}) {
 /** Change the query of the address without a new entry in the browser's history. */
 export function replaceQuery(query) {
   const { page, id } = route.peek();
-  history.replaceState(null, "", href(page, id, query));
+  history.replaceState(history.state, "", href(page, id, query));
   route.value = read();
+}
+
+/** Scroll position of each entry of the browser's history, by the mark in its state. */
+const positions = new Map();
+/** Mark of the entry that is drawn; null while another one is about to be. */
+let drawnEntry = null;
+
+addEventListener("popstate", () => { drawnEntry = null; });
+addEventListener("scroll", () => { if (drawnEntry !== null) positions.set(drawnEntry, scrollY); }, { passive: true });
+
+/** Show a new entry of the browser's history from its top, and one that the user returns to where it was left. */
+export function restoreScroll() {
+  if (!history.state?.entry) history.replaceState({ entry: Date.now() }, "");
+  drawnEntry = history.state.entry;
+  scrollTo(0, positions.get(drawnEntry) ?? 0);
 }

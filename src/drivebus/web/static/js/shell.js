@@ -11,7 +11,7 @@ import { Icon } from "./icons.js";
 import { closedText, connection, isLive, lostAt, now, reconnect } from "./live.js";
 import { PreferenceButtons } from "./preference-buttons.js";
 import { usePublishedHeight } from "./published-height.js";
-import { href, route } from "./router.js";
+import { href, restoreScroll, route } from "./router.js";
 import { logout, may, session } from "./session.js";
 import { topic } from "./store.js";
 import { Button, Notice } from "./ui.js";
@@ -109,7 +109,7 @@ function Notices() {
 /** `children` is the page of the address. */
 export function Shell({ children }) {
   const { page, id } = route.value;
-  useEffect(() => { scrollTo(0, 0); }, [page, id]);
+  useEffect(restoreScroll, [page, id]);
   return html`<a class="skip" href="#main"
     onClick=${(event) => { event.preventDefault(); document.getElementById("main").focus(); }}>${t("page.skip")}</a>
     <${PageHeader} /><${Notices} /><${AlarmStrip} />
