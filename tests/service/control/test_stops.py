@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
 from drivebus import i18n
+from drivebus.bus.station import Presence
 from drivebus.drives.drive import Drive
 from drivebus.drives.state import DriveState
 from drivebus.errors import (
@@ -724,6 +726,24 @@ def test_a_limit_hit_at_a_ratio_names_the_drive_and_the_frequencies_that_the_gro
     run(scenario())
 
 
+def test_a_group_with_an_offline_drive_is_not_called_stopped() -> None:
+    """Its state was that of the last replies, which are good for three poll periods."""
+
+    async def scenario() -> None:
+        drives = tuple(replace(drive, min_poll_interval_s=10.0) for drive in DRIVES)
+        async with running_service(plant_config(drives=drives)) as kit:
+            await asyncio.sleep(30)
+            view = partial(kit.service.groups.group_view, kit.service.plant.group("fans"))
+            assert view()["state"] == "stopped"
+            kit.station("fan-2").faults.silent = True
+            runtime = kit.service.plant.drives["fan-2"]
+            await asyncio.sleep(15)
+            assert runtime.bus.presence(runtime.config.address) is Presence.OFFLINE
+            assert runtime.status().state is DriveState.STOPPED and view()["state"] == "unknown"
+
+    run(scenario())
+
+
 def test_a_cap_of_an_unknown_setpoint_step_is_not_called_the_range_of_a_group(monkeypatch: pytest.MonkeyPatch) -> None:
     """The refusal limited the drive to 0.5 Hz and named a range up to 50 Hz."""
 
@@ -737,7 +757,8 @@ def test_a_cap_of_an_unknown_setpoint_step_is_not_called_the_range_of_a_group(mo
             monkeypatch.setattr(Drive, "check_frequency", refuse)
             with pytest.raises(LimitError) as caught:
                 await kit.call("group.start", group="fans", frequency_hz=20.0)
-            assert caught.value.key == "drives.step_cap"
+            assert caught.value.key == "plant.member_limit" and caught.value.params["why"].key == "drives.step_cap"
+            assert caught.value.text("en").startswith("fan-1 in group fans: ")
 
     run(scenario())
 

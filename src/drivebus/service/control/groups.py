@@ -223,11 +223,16 @@ class GroupCommands:
         }
 
     def _group_state(self, group: GroupConfig) -> str:
-        states = [self.plant.drives[id].status().state for id in group.drives if id in self.plant.drives]
-        if any(state is DriveState.UNKNOWN for state in states):
+        runtimes = [self.plant.drives[id] for id in group.drives if id in self.plant.drives]
+        states = [runtime.status().state for runtime in runtimes]
+        if DriveState.UNKNOWN in states or not all(_is_online(runtime) for runtime in runtimes):
             return "unknown"
         turning = [state.turning for state in states]
         return "running" if all(turning) else "mixed" if any(turning) else "stopped"
+
+
+def _is_online(runtime: DriveRuntime) -> bool:
+    return runtime.bus.presence(runtime.config.address) is Presence.ONLINE
 
 
 def _check_followers_online(group: GroupConfig, runtimes: list[DriveRuntime]) -> None:
@@ -236,21 +241,21 @@ def _check_followers_online(group: GroupConfig, runtimes: list[DriveRuntime]) ->
     A leader without reply does not start, and then no follower does. Raises Interlocked.
     """
     for runtime in runtimes[1:] if group.leader else ():
-        if runtime.bus.presence(runtime.config.address) is not Presence.ONLINE:
+        if not _is_online(runtime):
             raise Interlocked("plant.member_offline", drive=runtime.id, group=group.id, leader=group.leader)
 
 
 def _check_member_frequency(group: GroupConfig, runtime: DriveRuntime, frequency_hz: float) -> None:
     """Check the frequency of a member at its ratio.
 
-    Raises LimitError: for a frequency outside the member's range with the frequencies that the group may have.
+    Raises LimitError with the member, and for a frequency outside its range with those that the group may have.
     """
     own_hz = follower_hz(group, runtime.id, frequency_hz)
     try:
         runtime.drive.check_frequency(own_hz)
     except LimitError as error:
         if error.key not in RANGE_ERRORS:
-            raise
+            raise LimitError("plant.member_limit", drive=runtime.id, group=group.id, why=error) from error
         ratio = group.ratios.get(runtime.id, 1.0)
         low_hz, high_hz = runtime.drive.range_hz
         raise LimitError(

@@ -123,11 +123,9 @@ export function GroupPanel({ id }) {
   const progress = found.progress && t("page.group_progress", { n: found.progress.started, of: found.progress.of });
   const countOf = (kind) => views.filter((view) => kindsOf(view).has(kind)).length;
   const [tripped, offline] = [countOf("fault"), countOf("offline")];
-  // The state of an offline drive is the last one that was read.
-  const state = offline > 0 && !progress ? "unknown" : found.state;
   const ratios = Object.entries(found.ratios).map(([name, ratio]) => ` · ${driveTitle(name)} × ${ratio}`);
   return html`<section class="panel stack grouppanel" aria-labelledby="group-title"><div class="row between">
-      <h2 id="group-title">${titleOf(found)}</h2><span class="row"><span><b>${t(`page.group_${state}`)}</b>${progress && ` · ${progress}`}
+      <h2 id="group-title">${titleOf(found)}</h2><span class="row"><span><b>${t(`page.group_${found.state}`)}</b>${progress && ` · ${progress}`}
         ${!isLive.value && ` ${t("page.state_was")}`}</span>
         ${tripped > 0 && html`<b class="state alarm"><${Icon} name="fault" />${t("page.group_tripped", { n: tripped, of: views.length })}</b>`}
         ${offline > 0 && html`<b class="state alarm"><${Icon} name="silent" />${t("page.group_offline", { n: offline, of: views.length })}</b>`}
