@@ -244,5 +244,9 @@ def test_a_check_tells_nothing_about_files_outside_the_folder_of_the_plant(tmp_p
     for model in (str(outside), "/etc/passwd", "/no/such/file.toml", "../outside.toml", "link.toml", "/var/"):
         assert diagnostics(model) == [("drive.x.model", True)], model
     assert len(diagnostics("own.toml")) == 2, "its own errors are listed"
+    for secret in ("./database-password", "state/setup-secret", "state/users.json", "state/own.toml"):
+        (folder / secret).parent.mkdir(exist_ok=True)
+        (folder / secret).write_text("hunter2")
+        assert diagnostics(secret) == [("drive.x.model", True)], "the first error would repeat its first word"
     running = replace(running, drives=(replace(running.drives[0], model=str(outside)),))
     assert len(diagnostics(str(outside))) == 2, "a file that is in use"

@@ -90,14 +90,17 @@ def _kill(process: asyncio.subprocess.Process) -> None:
 def check_text(text: str, running: PlantConfig, unstarted: Collection[str] = ()) -> Json:
     """Return ``{"diagnostics", "difference", "notes"}`` of a text.
 
-    Profile files are read below the folder of the plant file, and where the running configuration has them: else a
-    client could try which files exist on this machine, and what they hold. The password of the database in use is never
-    put into the text, whose parts the faults repeat.
+    Profile files are read below the folder of the plant file, with the suffix of a profile and outside the state
+    directory, and where the running configuration has them: else a client could try which files exist on this machine,
+    and read the first words of them, such as a password. The password of the database in use is never put into the
+    text, whose parts the faults repeat.
     """
     folder, known = Path(running.source).resolve().parent, {drive.model for drive in running.drives}
+    state = running.directory.resolve()
 
     def may_read(path: Path) -> bool:
-        return path.is_relative_to(folder) or str(path) in known
+        is_profile = path.suffix == ".toml" and path.is_relative_to(folder) and not path.is_relative_to(state)
+        return is_profile or str(path) in known
 
     try:
         new = loads(text, running.source, folder, may_read_model=may_read, history_url=running.history.url)
