@@ -661,7 +661,7 @@ def test_a_changed_configuration_survives_a_look_at_another_page(visit: Any, exp
     expect(page.locator("textarea")).to_have_value(text)
 
 
-def test_the_way_back_from_a_drive_leads_to_the_place_where_the_fleet_was_left(visit: Any, expect: Any) -> None:
+def test_the_way_back_from_a_drive_leads_to_the_place_where_the_fleet_was_left(visit: Any) -> None:
     """Regression: after a look at one of many drives the fleet began at its top again."""
     page = visit("#/fleet", size=(360, 560))
     last = page.locator(".tilelink").last
@@ -673,16 +673,16 @@ def test_the_way_back_from_a_drive_leads_to_the_place_where_the_fleet_was_left(v
     for _ in range(2):
         last.click()
         page.locator(".drivehead").wait_for()
-        page.wait_for_function("scrollY === 0")
+        page.wait_for_function("() => scrollY === 0")
         page.evaluate("scrollTo(0, 200)")
         page.wait_for_timeout(100)
         page.go_back()
-        page.wait_for_function(f"Math.abs(scrollY - {place}) < 3")
+        page.wait_for_function("(left) => Math.abs(scrollY - left) < 3", arg=place)
     page.go_forward()
-    page.wait_for_function("scrollY === 200")
+    page.wait_for_function("() => scrollY === 200")
     page.locator(".drivehead a").first.click()
     last.wait_for()
-    page.wait_for_function("scrollY === 0")
+    page.wait_for_function("() => scrollY === 0")
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
