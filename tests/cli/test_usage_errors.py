@@ -98,6 +98,19 @@ def test_a_refusal_names_the_next_step(line: str, step: str, language: str) -> N
     assert step in run_words(shlex.split(line), language).output.replace("\n", " ")
 
 
+@pytest.mark.parametrize(("model", "exit_code"), [("c320", 1), ("vc660", 3), ("dzb100", 1), ("df800", 3)])
+def test_bytes_that_are_no_reply_are_answered_with_the_remedy_that_a_stop_promises_of_a_status(
+    model: str, exit_code: int
+) -> None:
+    """Of two drives at one address the sentence named a byte only: the stop refers to ``status`` for the remedy."""
+    result = CliRunner().invoke(
+        cli, ["status", f"sim://{model}@2+{model}@2", "--model", model, "--address", "2", "--json"]
+    )
+    assert result.exit_code == exit_code, result.output
+    hint = json.loads(result.stdout)["error"]["hint"]
+    assert hint == i18n.text("hint.damaged_reply") and hint in result.stderr.replace("\n", " ")
+
+
 @pytest.mark.parametrize("line", ["status fan-1", "stop fan-1"])
 def test_the_name_of_a_drive_in_place_of_a_port_is_not_answered_with_a_missing_model(line: str) -> None:
     """A drive of a service needs no model, and a scan of its name finds nothing."""

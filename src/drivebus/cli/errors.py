@@ -14,12 +14,18 @@ import click
 from drivebus import i18n
 from drivebus.cli import output
 from drivebus.errors import (
+    AddressError,
+    AlphabetError,
+    ChecksumError,
     ConfigurationError,
     DrivebusError,
+    HeaderError,
+    LengthError,
     OutcomeUnknown,
     ProtocolError,
     StopUnconfirmed,
     SystemReason,
+    TerminatorError,
 )
 from drivebus.values import half_width
 
@@ -51,6 +57,7 @@ _HINTS_OF_VALUES = {
 }
 """Hints of an error with this value of a parameter."""
 _SHARED_HINTS = {
+    "bus.line_errors": "damaged_reply",
     "drives.confirm_inputs": "drives.confirm_address",
     "drives.confirm_serial": "drives.confirm_address",
     "drives.confirm_source": "drives.confirm_address",
@@ -61,6 +68,8 @@ _SHARED_HINTS = {
     "plant.waiver_of_another": "plant.waiver_needed",
 }
 """Errors with the same remedy as another one."""
+_DAMAGED_REPLIES = (AddressError, AlphabetError, ChecksumError, HeaderError, LengthError, TerminatorError)
+"""Errors of bytes that are no valid reply; the remedy does not depend on which byte it is."""
 
 
 class ExitCode(IntEnum):
@@ -133,7 +142,8 @@ def error_hint(error: DrivebusError) -> str | None:
         own = next(filter(None, (_HINTS_OF_VALUES.get((one.key, str(value))) for value in one.params.values())), None)
         if i18n.known(key := own or f"hint.{_SHARED_HINTS.get(one.key, one.key)}"):
             return output.text(key, **one.params)
-    return None
+    is_damaged = any(isinstance(one, _DAMAGED_REPLIES) for one in (error, cause))
+    return output.text("hint.damaged_reply") if is_damaged else None
 
 
 def error_text(error: DrivebusError) -> str:
