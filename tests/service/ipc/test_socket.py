@@ -11,7 +11,16 @@ from typing import Any
 
 import pytest
 
-from drivebus.errors import InvalidParameters, LimitError, NotFound, PermissionDenied, ServiceUnavailable
+from drivebus.drives.permissives import CommandKind
+from drivebus.drives.state import Direction, DriveState
+from drivebus.errors import (
+    InvalidParameters,
+    LimitError,
+    NotFound,
+    PermissionDenied,
+    ServiceUnavailable,
+    StartInhibited,
+)
 from drivebus.service.api.errors import error_from_json, error_to_json
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Role
@@ -283,6 +292,8 @@ def test_an_error_keeps_its_content_through_json() -> None:
         error,
         LimitError("drives.not_started", why=inner),
         InvalidParameters("plant.params", faults=[{"a": 1}]),
+        StartInhibited("drives.state_forbids", state=DriveState.STOPPED, kind=CommandKind.RAMP_HOLD),
+        StartInhibited("drives.turning", state=DriveState.DECELERATING, direction=Direction.REVERSE),
     ):
         assert error_to_json(error_from_json(error_to_json(one))) == error_to_json(one)
     unknown = error_to_json(error) | {"kind": "Exception"}

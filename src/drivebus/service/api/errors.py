@@ -8,6 +8,8 @@ from typing import Any
 
 from drivebus import errors, i18n
 from drivebus.drives.outcome import FrameExchange, Outcome
+from drivebus.drives.permissives import CommandKind
+from drivebus.drives.state import Direction, DriveState
 from drivebus.errors import DrivebusError, InvalidParameters, ServiceError, SystemReason
 from drivebus.service.auth.rights import Right
 from drivebus.types import Json
@@ -85,10 +87,19 @@ def error_from_json(found: Json) -> DrivebusError:
     return error
 
 
+_ENUMS_BY_PARAM: Mapping[str, type[Enum]] = {
+    "right": Right,
+    "state": DriveState,
+    "direction": Direction,
+    "kind": CommandKind,
+}
+"""Parameters that are a word of the user's language in a sentence, and a value of an enum as JSON."""
+
+
 def _param_from_json(name: str, value: Any) -> Any:
-    """Return the parameter of a sentence: a right and a text by language are objects there."""
-    if name == "right":
-        return next((right for right in Right if right == value), value)
+    """Return the parameter of a sentence: a right, a state and a text by language are objects there."""
+    if name in _ENUMS_BY_PARAM:
+        return next((one for one in _ENUMS_BY_PARAM[name] if one.value == value), value)
     return Text.from_mapping(value) if isinstance(value, dict) and value.keys() >= {"en", "zh"} else value
 
 
