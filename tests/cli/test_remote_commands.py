@@ -608,9 +608,21 @@ def test_waive_records_a_waiver_for_each_drive_of_a_group_that_has_none(plant: R
     assert rest(plant, "/drives/fan-2")["comm_loss"]["waiver"].startswith("watched bench")
 
 
-def test_an_unknown_drive_is_answered_with_those_that_exist(plant: RunningService, service: str) -> None:
-    error = run_command(service, "status", "--drive", "fan-9", code=1)["error"]
-    assert all(drive in error["text"] for drive in plant.kit.service.plant.drives)
+@pytest.mark.parametrize("name", ["fan-9", "Fan-1", "送风机"])
+def test_an_unknown_drive_is_answered_with_those_that_exist(plant: RunningService, service: str, name: str) -> None:
+    """A title or a capital letter was answered with a regular expression."""
+    for command in ("status", "stop"):
+        error = run_command(service, command, "--drive", name, code=1)["error"]
+        assert error["key"] == "plant.no_drive"
+        assert all(one in error["text"] for one in (name, *plant.kit.service.plant.drives))
+
+
+def test_a_request_for_control_that_no_session_has_says_that_a_command_takes_it(
+    plant: RunningService, service: str
+) -> None:
+    words = ["control", "request", "--service", service, "--drive", "fan-1", "--json", "--lang", "en"]
+    error = json.loads(CliRunner().invoke(cli, words).stdout)["error"]
+    assert (error["key"], "take control themselves" in (error["hint"] or "")) == ("plant.control_is_free", True)
 
 
 def test_comm_loss_test_records_a_trip_and_tells_success_by_its_exit_code(

@@ -18,7 +18,7 @@ from drivebus.cli.click_ext import CliCommand
 from drivebus.cli.connect import Target
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.stop_errors import stop_errors, stop_to_the_end
-from drivebus.errors import ConfigurationError
+from drivebus.errors import ConfigurationError, InvalidParameters, NotFound
 
 if TYPE_CHECKING:
     from drivebus.drives import Drive, DriveLimits
@@ -111,8 +111,8 @@ def check_port_form(port: str | None) -> None:
 
 
 def _optional(param: click.Parameter) -> click.Parameter:
-    """Return a copy that is not required: the service has the value."""
-    if not (param.required and isinstance(param, click.Option)):
+    """Return a copy that is not required where the service has the value: model and address of a drive."""
+    if not (param.required and param.name in _PORT_OPTIONS):
         return param
     optional = copy.copy(param)
     optional.required = False
@@ -182,9 +182,13 @@ def pop_remote_target(given: dict[str, Any]) -> Target | None:
     for name in _PORT_OPTIONS:
         given.pop(name, None)
     from drivebus.cli.remote.client import call_once
-    from drivebus.service.api.operations.drives import DRIVES_GET
+    from drivebus.service.api.operations.drives import DRIVES_GET, DRIVES_LIST
 
-    view = call_once(service, DRIVES_GET.name, {"drive": drive})
+    try:
+        view = call_once(service, DRIVES_GET.name, {"drive": drive})
+    except InvalidParameters:  # no name of a drive by its form, such as a title
+        names = sorted(one["id"] for one in call_once(service, DRIVES_LIST.name, {})["drives"])
+        raise NotFound("plant.no_drive", id=drive, known=names) from None
     return Target(port=service, model=view["model"], address=view["address"], service=service, drive=drive)
 
 

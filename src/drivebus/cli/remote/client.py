@@ -47,9 +47,11 @@ def _create_client(service: str) -> RemoteClient:
         from drivebus.cli.remote.http_client import HttpClient
 
         return HttpClient(service, os.environ.get(TOKEN_VARIABLE))
-    if not service:
+    path = Path(service)
+    may_be_socket = len(path.parts) > 1 or path.suffix == ".sock" or path.is_dir()
+    if not may_be_socket or path.suffix == ".toml":  # HOST:PORT, or a plant's file
         raise ConfigurationError("service.address", found=service)
-    return LocalClient(Path(service))
+    return LocalClient(path)
 
 
 class LocalClient:
