@@ -74,7 +74,7 @@ BODIES: tuple[Any, ...] = (
     {"name": "administrator", "password": "administrator"},
     {"secret": "x", "name": "eve", "password": "long enough 1"},
     {"code": "x"},
-    {"name": "t", "rights": ["view", "operate"], "days": 1},
+    {"name": "t", "rights": ["view", "stop", "operate"], "days": 1},
     {"old": "x", "new": "long enough 1"},
     {"disabled": False, "end_sessions": True},
     [],
