@@ -181,11 +181,6 @@ class Monitor:
             return DerivedState(DriveState.UNKNOWN, reason=bad_reason or "drives.stale")
         return self._derived
 
-    @property
-    def awaits_first_read(self) -> bool:
-        """No poll has ended yet, and one will show the state."""
-        return self._dialect.reports_run_state and self._derived_at is None and not self._failed
-
     def close(self) -> None:
         """End the polls. Idempotent."""
         if self._subscription is not None:

@@ -13,6 +13,7 @@ from drivebus.drives import Drive, DriveState, DriveStatus
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.monitor import Monitor
 from drivebus.drives.operations.status import CommLossReport, complete_status
+from drivebus.drives.state import STATE_NOT_READ
 from drivebus.drives.store import Store
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.config.bus_load import polled_names, polls_of, profile_of
@@ -106,8 +107,9 @@ class DriveRuntime:
 
     @property
     def awaits_first_read(self) -> bool:
-        """Polled, and its state may be known by the end of a first poll."""
-        return self.monitor is not None and self.monitor.awaits_first_read
+        """Its first read is under way: the state is not known, and no poll has failed."""
+        not_read = self.status().reason == STATE_NOT_READ.reason
+        return not_read and self.monitor is not None and self.monitor.last_error is None
 
     def end_motion(self) -> None:
         """Note that it stands still: what runs later is not this service's motion."""
