@@ -270,12 +270,14 @@ def test_without_a_terminal_nothing_is_opened(monkeypatch: pytest.MonkeyPatch) -
         station()
 
 
-@pytest.mark.parametrize(("model", "purposes"), [("dzb100", 4), ("df800", 3), ("c320", 3), ("vc660", 0)])
-def test_a_dry_run_prints_the_frames_of_the_open_steps(model: str, purposes: int) -> None:
+@pytest.mark.parametrize(
+    ("model", "reads", "purposes"), [("dzb100", 4, 4), ("df800", 4, 3), ("c320", 2, 3), ("vc660", 0, 0)]
+)
+def test_a_dry_run_prints_the_checks_and_the_frames_of_the_open_steps(model: str, reads: int, purposes: int) -> None:
     words = ["/dev/absent", "--model", model, "--address", "1", "--dry-run", "--json"]
     output.parse_global_options(words)
     result = CliRunner().invoke(calibrate.command, words, standalone_mode=False)
     frames = json.loads(result.stdout)["frames"]
-    assert len(frames) == purposes
+    assert len(frames) == reads + purposes
     if model == "dzb100":
-        assert bytes.fromhex(frames[2]["hex"])[7:] == b"0005", "the cap"
+        assert bytes.fromhex(frames[reads + 2]["hex"])[7:] == b"0005", "the cap"
