@@ -173,6 +173,22 @@ WRONG_MARKS = """async () => {
 }"""
 
 
+MOVED_TEXTS = """async () => {
+  const { html, render } = await import('/static/js/lib.js');
+  const box = document.body.appendChild(document.createElement('div'));
+  const Word = ({ text }) => text;
+  for (const texts of [['a', 'b', 'c'], ['c', 'a', 'b']]) {
+    render(html`<p>${texts.map((text) => html`<${Word} key=${text} text=${text} />`)}</p>`, box);
+  }
+  return box.textContent;
+}"""
+
+
+def test_a_text_moves_in_a_list_as_an_element_does(scripts: Any) -> None:
+    """The style of a node that moves is brought up to date before; a text has none."""
+    assert scripts.evaluate(MOVED_TEXTS) == "cab"
+
+
 def test_the_mark_of_an_alarm_that_moves_in_the_list_shows_whether_it_still_holds(visit: Any) -> None:
     """Regression: the mark of an alarm that still held was without its colour, and that of a cleared one had it."""
     page = visit("#/alarms", role="operator")

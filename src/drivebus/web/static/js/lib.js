@@ -13,9 +13,9 @@ export {
 const nativeMove = Element.prototype.moveBefore;
 
 /** Move a node as Preact does, with its style up to date: Chromium 156 drops the pending changes of style below a node that
- * moves, and a cleared alarm kept the colour of an active one. */
+ * moves, and a cleared alarm kept the colour of an active one. Text, which has no style of its own, moves as well. */
 function moveBefore(node, next) {
-  void getComputedStyle(node).color;
+  if (node instanceof Element) void getComputedStyle(node).color;
   nativeMove.call(this, node, next);
 }
 if (nativeMove) Element.prototype.moveBefore = moveBefore;
