@@ -161,3 +161,17 @@ def test_a_reload_keeps_the_state_of_unchanged_interlocks() -> None:
     assert engine.evaluate(views("stopped"), 3.0) == [("flow", False)]
     engine.replace([InterlockConfig(id="flow", drives=("fan",), require="pump.state == stopped", delay_s=2.0)])
     assert engine.evaluate(views("stopped"), 4.0) == [] and blocking(engine, "fan") == []
+
+
+def test_an_interlock_that_reads_a_replaced_drive_blocks_starts_until_it_is_evaluated_again() -> None:
+    """It held, or was tripped, by the values of the motor that had the name before."""
+    engine, flow = interlocks(), InterlockConfig(id="flow", drives=("fan",), require="pump.state == running")
+    engine.evaluate(views(), 0.0)
+    engine.replace([flow], ["fan"])
+    assert blocking(engine, "fan") == [], "it stops that drive, and does not read it"
+    engine.replace([flow], ["pump"])
+    assert blocking(engine, "fan") == ["flow"]
+    assert engine.evaluate(views("stopped"), 1.0) == [("flow", False)]
+    engine.replace([flow], ["pump"])
+    assert engine.evaluate(views(), 2.0) == [("flow", True)], "its alarm is cleared"
+    assert blocking(engine, "fan") == []

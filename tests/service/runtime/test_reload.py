@@ -304,6 +304,31 @@ def test_control_of_a_drive_ends_where_a_reload_gives_its_name_to_another_motor(
     run(scenario())
 
 
+def test_an_interlock_does_not_hold_by_the_last_view_of_a_replaced_drive(tmp_path: Path) -> None:
+    """Another motor could start for as long as no supervision cycle had looked at the new one."""
+    interlock = '[interlock.flow]\ndrives = ["fan-1"]\nrequire = "fan-2.state == stopped"\n'
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2, interlock)
+
+    async def scenario() -> None:
+        async with running_service(load(file)) as kit:
+            plant = kit.service.plant
+
+            def unmet() -> list[str]:
+                return [violation.config.id for violation in plant.interlocks.violations("fan-1")]
+
+            await asyncio.sleep(5)
+            assert unmet() == [] and plant.views["fan-2"].state == "stopped"
+            write(file, FAN_1, FAN_2.replace("address = 2", "address = 3"), interlock)
+            await kit.call("configuration.reload")
+            assert unmet() == ["flow"]
+            plant.interlocks.evaluate(plant.views, plant.now())  # the end of a cycle that began before the reload
+            assert unmet() == ["flow"]
+            await asyncio.sleep(5)
+            assert unmet() == []
+
+    run(scenario())
+
+
 @pytest.mark.parametrize("rest", [(), (FAN_3.replace("c320", "c300"),)], ids=["gone", "replaced"])
 def test_a_group_start_ends_where_a_drive_was_removed_from_the_group(tmp_path: Path, rest: tuple[str, ...]) -> None:
     group = '[group.fans]\ndrives = ["fan-1", "fan-2", "fan-3"]\nstart_interval_s = 4.0\n'

@@ -8,7 +8,7 @@ because it was not polled yet; one that is known not to hold trips at once.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +23,7 @@ from drivebus.service.interlocks.expression import (
     SignalReference,
     comparisons,
     parse,
+    references,
 )
 from drivebus.service.live.views import DriveView
 from drivebus.values import Quality, Text
@@ -58,7 +59,7 @@ class _InterlockState:
     """Whether its result was ever known."""
     violation: Violation | None = None
     evaluated: bool = False
-    """Whether it was ever evaluated; before that it blocks starts."""
+    """Whether it was evaluated since the start, and since a drive that it reads was replaced; else it blocks starts."""
 
 
 class InterlockEngine:
@@ -69,11 +70,17 @@ class InterlockEngine:
         self._states = {setting.id: _InterlockState(setting, parse(setting.require)) for setting in settings}
         self._first_evaluation_at: float | None = None
 
-    def replace(self, settings: Iterable[InterlockConfig]) -> None:
-        """Apply a configuration; unchanged interlocks keep their state. Raises as the constructor does."""
+    def replace(self, settings: Iterable[InterlockConfig], replaced_drives: Collection[str] = ()) -> None:
+        """Apply a configuration; unchanged interlocks keep their state. Raises as the constructor does.
+
+        One that reads a replaced drive blocks starts until it is evaluated again: the values were of another motor.
+        """
         new = {setting.id: _InterlockState(setting, parse(setting.require)) for setting in settings}
         same = {id: old for id, old in self._states.items() if id in new and old.config == new[id].config}
         self._states = new | same
+        for state in self._states.values():
+            if any(one.drive in replaced_drives for one in references(state.expression)):
+                state.evaluated = False
 
     def evaluate(self, views: Mapping[str, DriveView], now: float) -> list[tuple[str, bool]]:
         """Evaluate every interlock at ``now``, in monotonic seconds, and return the edges.

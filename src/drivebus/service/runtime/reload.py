@@ -117,7 +117,7 @@ class ConfigReload:
         self._update_drives(change)
         plant.buses = {bus.id: plant.buses[bus.id] for bus in new.buses}
         plant.drives = {drive.id: plant.drives[drive.id] for drive in new.drives}
-        plant.interlocks.replace(new.interlocks)
+        plant.interlocks.replace(new.interlocks, _leaving_drives(change))
         plant.publish_alarms(plant.alarms.configure(new.alarms, new.drives, plant.wall_ms()))
         self._clear_alarms(change)
         plant.historian.set_labels(signal_labels(plant.config))
@@ -144,6 +144,7 @@ class ConfigReload:
         for id in _leaving_drives(change):
             bus = self.plant.bus_of(self.plant.drives.pop(id))
             bus.remove_drive(id)
+            self.plant.views.pop(id, None)
         return [self.plant.buses.pop(id) for id in (*change.buses.removed, *change.reopened)]
 
     def _add_new(self, new: PlantConfig) -> None:
