@@ -147,6 +147,17 @@ def test_a_token_that_may_start_a_drive_may_stop_it() -> None:
     database.with_token(replace(TOKEN, rights=(Right.STOP, Right.OPERATE)))
 
 
+def test_a_stored_token_that_may_start_a_drive_may_stop_it(tmp_path: Path) -> None:
+    """A version before could give ``operate`` alone."""
+    path = tmp_path / "users.json"
+    tokens = (TOKEN, replace(TOKEN, id="t2", rights=(Right.OPERATE, Right.STOP, Right.VIEW)))
+    UserFile(path).change(lambda database: replace(database.with_user(ADMIN), tokens=tokens))
+    stored = json.loads(path.read_text())
+    stored["tokens"][1]["rights"].remove("stop")
+    path.write_text(json.dumps(stored))
+    assert UserFile(path).read().tokens == tokens
+
+
 def test_a_token_cannot_have_more_rights_than_its_user() -> None:
     database = UserDatabase().with_user(ADMIN).with_user(User("vera", Role.VIEWER, "$", 1))
     with pytest.raises(InvalidInput) as rejected:

@@ -158,6 +158,13 @@ def _can_administer(user: User) -> bool:
     return user.role is Role.ADMINISTRATOR and user.password is not None and not user.disabled
 
 
+def _with_right_to_stop(token: Token) -> Token:
+    """Return a token that may stop what it may start: one of an earlier version may have ``operate`` only."""
+    if Right.OPERATE not in token.rights or Right.STOP in token.rights:
+        return token
+    return replace(token, rights=tuple(sorted({*token.rights, Right.STOP})))
+
+
 def _unexpired(codes: Iterable[OneTimeCode], now_ms: int) -> tuple[OneTimeCode, ...]:
     return tuple(code for code in codes if code.expires_ms > now_ms)
 
@@ -232,9 +239,10 @@ class UserFile:
 
     def _load(self) -> UserDatabase:
         try:
-            return _USER_DATABASE_ADAPTER.validate_json(self.path.read_bytes())
+            found = _USER_DATABASE_ADAPTER.validate_json(self.path.read_bytes())
         except (OSError, ValidationError) as error:
             raise self._unusable_error(error) from error
+        return replace(found, tokens=tuple(_with_right_to_stop(token) for token in found.tokens))
 
     def _unusable_error(self, error: Exception) -> ConfigurationError:
         return ConfigurationError("auth.store_unusable", file=str(self.path), problem=SystemReason(error))
