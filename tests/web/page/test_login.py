@@ -112,6 +112,16 @@ def test_an_idle_session_can_only_stop_until_the_password_is_entered(stage: Stag
     page.locator("[data-do=take]:enabled").wait_for()
 
 
+def test_a_name_can_be_typed_at_once_on_the_login_page(visit: Any) -> None:
+    page = visit("#/fleet", role=None)
+    page.locator("input[name=name]:focus").wait_for()
+    page.keyboard.type("operator")
+    page.keyboard.press("Tab")
+    page.keyboard.type(PASSWORD)
+    page.keyboard.press("Enter")
+    page.locator(".tile").first.wait_for()
+
+
 def test_the_login_page_has_no_switch_of_the_alarm_sound(visit: Any) -> None:
     """There is no alarm to hear before a login."""
     page = visit("#/fleet", role=None)

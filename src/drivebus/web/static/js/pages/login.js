@@ -1,5 +1,5 @@
 // Login page; at the first start the set-up, with the secret that the service printed on its own machine.
-import { html, useState } from "../lib.js";
+import { html, useEffect, useRef, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { ErrorNote, Field, Notice, PasswordField, useRequest } from "../ui.js";
 import { login, session, setUp } from "../session.js";
@@ -10,9 +10,11 @@ import { MIN_PASSWORD_LENGTH, passwordHelp } from "../settings/password.js";
 function Form({ title, note, fields, isNew, submit, send }) {
   const [values, setValues] = useState({});
   const [execute, busy, error] = useRequest();
+  const form = useRef(null);
+  useEffect(() => { form.current.querySelector("input").focus(); }, []);
   const put = (name) => (event) => setValues({ ...values, [name]: event.currentTarget.value });
   const go = (event) => { event.preventDefault(); execute(() => send(values)); };
-  return html`<form class="login" onSubmit=${go}><h1>${title}</h1>${note}
+  return html`<form ref=${form} class="login" onSubmit=${go}><h1>${title}</h1>${note}
     ${fields.map(([name, complete]) => html`<${Field} key=${name} label=${t(`page.login_${name}`)}>
       <input name=${name} type="text" autocomplete=${complete} required value=${values[name] ?? ""}
         onInput=${put(name)} spellcheck="false" autocapitalize="none" /><//>`)}
