@@ -771,6 +771,19 @@ def test_the_field_of_a_parameter_stays_in_sight_while_its_table_scrolls(stage: 
     assert field["x"] + field["width"] <= edge["x"] + edge["width"] + 1
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_table_of_parameters_with_its_fields_fits_a_screen_of_1440_pixels(
+    stage: Stage, visit: Any, language: str
+) -> None:
+    """Regression: the column of the fields, which stays in sight, covered that of the ranges."""
+    page = visit("#/drive/pump-1?tab=parameters", size=(1440, 900), language=language)
+    page.click("[data-do=take]")
+    page.locator("td input").first.wait_for()
+    page.click("[data-do=read]")
+    page.locator(".drivedetails td b").first.wait_for()
+    assert page.locator(".drivedetails .scroll").evaluate("(table) => table.scrollWidth - table.clientWidth") <= 0
+
+
 def test_no_cell_of_the_stations_of_a_bus_is_cut_off_on_a_phone(visit: Any, expect: Any) -> None:
     """Seven of nine columns were beyond the right edge, and their sentences made the rows tall."""
     page = visit("#/buses/fans", size=(360, 740))
