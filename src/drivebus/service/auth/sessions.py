@@ -81,7 +81,8 @@ class SessionStore:
     def write(self, sessions: tuple[StoredSession, ...]) -> None:
         """Save sessions. A failed write is ignored: logging in and out must not depend on it.
 
-        Then a file with a session that has ended is emptied, which needs no space: the next process opens what it has.
+        Then a file that still has an ended session is emptied, which needs no space: the next process would open that
+        session again.
         """
         try:
             atomic_write_private(self.path, _SESSION_FILE_ADAPTER.dump_json(_SessionFile(_boot_id(), sessions)))

@@ -121,7 +121,7 @@ class ControlLeases:
         return before + over
 
     def remove_drive(self, drive: str) -> None:
-        """Drop the lease of a drive that was removed from the plant. Idempotent."""
+        """Drop the lease of a drive that was removed from the plant, or replaced. Idempotent."""
         self._leases.pop(drive, None)
 
 

@@ -24,7 +24,7 @@ from drivebus.values import Text
 
 SERVICE_STOP_TIMEOUT_S = 2.8
 """An ending service reports the outcome of its stops within three seconds, confirmed or not."""
-SERVICE_STOP_CHECK_S = 0.05
+SERVICE_STOP_CHECK_S = 0.05  # between two looks for outcomes and for first reads
 
 
 class StopCommands:

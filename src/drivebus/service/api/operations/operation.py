@@ -24,6 +24,7 @@ from drivebus.values import Text
 
 
 def require_printable(text: str) -> str:
+    """Return the text. Raises PydanticCustomError for control or direction characters, or for one that is blank."""
     if CONTROL_CHARACTERS.search(text) or is_blank(text):
         raise PydanticCustomError("printable", "control characters, or blank")
     return text
