@@ -259,13 +259,13 @@ def test_a_drive_that_replies_late_in_the_sweep_is_stopped_and_not_called_absent
 
 def test_a_failed_write_is_printed_with_the_writes_that_were_not_sent(capsys: pytest.CaptureFixture[str]) -> None:
     unsent = ("drives.write_unsent", {"notation": "F9.4", "value": 5, "unit": ""})
-    params = {"notation": "F1.10", "value": 1, "unit": ""}
+    params = {"notation": "F1.10", "value": 1, "unit": "", "why": "no reply"}
     outcome = Outcome(status=OutcomeStatus.UNKNOWN, key="drives.write_unknown", params=params, notes=(unsent,))
     with pytest.raises(OutcomeUnknown) as caught:
         raise_for_status(outcome)
     report_error(caught.value)
     printed = capsys.readouterr().err
-    assert "F1.10 = 1 was sent and could not be read back\n" in printed
+    assert "F1.10 = 1 was sent and could not be read back (no reply)\n" in printed
     assert "\n  not sent, because an earlier write did not succeed: F9.4 = 5\n" in printed
 
 

@@ -541,6 +541,31 @@ def test_a_drive_that_falls_silent_leaves_the_write_unknown() -> None:
 
     outcome = ParameterBench("c320", Dies()).write({"F0.2": 30.0})
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.write_unknown")
+    assert "could not be read back (station 1: no reply" in outcome.text("en") and "（站 1" in outcome.text("zh")
+
+
+def test_a_write_whose_read_back_the_drive_rejects_says_so() -> None:
+    class RejectsReads(FakeModbus):
+        def __call__(self, request: Any) -> Any:
+            is_read = isinstance(request, modbus.ReadRegisters) and self.written
+            return modbus.ExceptionReply(1, 3, 2) if is_read else super().__call__(request)
+
+    outcome = ParameterBench("vc660", RejectsReads()).write({"F00.02": 30.0})
+    assert outcome.key == "drives.write_unknown" and "(the drive rejects the read)" in outcome.text("en")
+
+
+def test_a_rejected_write_keeps_the_notes_of_earlier_ones_and_names_its_next_step() -> None:
+    """Exceptions 2 and 3 belong to writes, and their next step was lost there."""
+
+    class Rejects(FakeModbus):
+        def __call__(self, request: Any) -> Any:
+            is_rejected = isinstance(request, modbus.WriteRegister) and request.register == 0x2007
+            return modbus.ExceptionReply(1, 6, 3) if is_rejected else super().__call__(request)
+
+    outcome = ParameterBench("vc660", Rejects()).write({"2006H": 5.0, "2007H": 1.0, "2008H": 1.0})
+    assert (outcome.status, outcome.params["code"]) == (OutcomeStatus.REFUSED, 3)
+    keys = [key for key, _ in outcome.notes]
+    assert keys == ["drives.write_acknowledged", "drives.modbus_remedy_3", "drives.write_unsent"]
 
 
 def test_a_refused_write_says_why() -> None:

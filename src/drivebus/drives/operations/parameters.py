@@ -127,7 +127,7 @@ def write_values(
             if not notes:
                 raise
             outcome = op.outcome(OutcomeStatus.FAILED, "drives.not_written", why=withheld, **_message_params(wanted))
-        outcome = replace(outcome, notes=notes)
+        outcome = replace(outcome, notes=(*notes, *outcome.notes))
         if not outcome.succeeded:
             return _with_unsent(outcome, checked[place:])
         outcome = with_note(outcome, outcome.key, **outcome.params)
@@ -214,7 +214,8 @@ def _read_back(
         why = Text.per_language(op.port_error.text)
         return op.outcome(OutcomeStatus.UNKNOWN, "drives.write_port_lost", why=why, **params)
     if error is not None or raw is None:
-        return op.outcome(OutcomeStatus.UNKNOWN, "drives.write_unknown", **params)
+        why = bilingual_text("drives.read_refused") if error is None else error.params["problem"]
+        return op.outcome(OutcomeStatus.UNKNOWN, "drives.write_unknown", why=why, **params)
     number = number_of(op.dialect, wanted.parameter, raw)
     is_word = number is None or isinstance(wanted.value, str)
     found = f"{raw:04X}H" if is_word or number is None else display_value(wanted.parameter, number, number)

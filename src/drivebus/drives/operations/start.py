@@ -19,7 +19,7 @@ from drivebus.drives.operations.setpoint import read_back_setpoint, set_frequenc
 from drivebus.drives.operations.steps import BusConditions, DriveOperation, get_bus_conditions, wait
 from drivebus.drives.operations.stop import reported_text, stop
 from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
-from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind, DriveCommand, state_inhibit
+from drivebus.drives.permissives import COMMAND_TTL_S, RUN_STATES, CommandKind, DriveCommand, state_inhibit
 from drivebus.drives.speed_progress import SpeedProgress
 from drivebus.drives.state import Direction, DriveState, DriveStatus
 from drivebus.errors import (
@@ -129,7 +129,7 @@ def _change_running_speed(
     """Change the frequency of a running drive. Reversing begins at standstill."""
     derived = op.derived
     wanted = direction or Direction.FORWARD
-    runs = derived.state in (DriveState.RUNNING, DriveState.ACCELERATING, DriveState.DECELERATING)
+    runs = derived.state in RUN_STATES
     if not runs or (derived.direction is not None and derived.direction is not wanted):
         if derived.direction is None:
             raise StartInhibited("drives.turning_state", state=derived.state)
