@@ -47,6 +47,16 @@ def test_no_text_forges_a_line_of_the_log_or_sends_escape_sequences() -> None:
     assert "\n" not in logging_setup.JsonFormatter().format(record_of(evil))
 
 
+def test_a_sentence_that_begins_with_its_drive_has_no_second_name_and_another_drive_does_not_count() -> None:
+    for text, shown in (
+        ("p1 was already running", "WARNING p1 was already running"),
+        ("p1：没有新的数值", "WARNING p1：没有新的数值"),
+        ("p10 was stopped", "WARNING p1: p10 was stopped"),
+        ("stop confirmed", "WARNING p1: stop confirmed"),
+    ):
+        assert logging_setup.PlainFormatter().format(record_of(text, "p1")).endswith(shown)
+
+
 def test_a_drive_without_confirmed_stop_at_the_end_is_logged(monkeypatch: pytest.MonkeyPatch) -> None:
     async def ended(
         setting: Any, *, without: Any, address_output: str, log_format: str, on_ready: Any

@@ -7,6 +7,7 @@ import contextlib
 import json
 import logging
 import queue
+import re
 import sys
 from collections.abc import Callable
 from logging.handlers import QueueHandler, QueueListener
@@ -132,11 +133,15 @@ EVENT_FIELDS = ("kind", "drive", "actor", "outcome")
 
 
 class PlainFormatter(logging.Formatter):
-    """Formatter of lines such as ``2026-11-21T22:00:00+00:00 WARNING fan-1: fan-1 no longer replies``."""
+    """Formatter of lines such as ``2026-11-21T22:00:00+00:00 INFO fan-1: stop confirmed``.
+
+    A sentence that begins with the name of the drive gets no prefix.
+    """
 
     def format(self, record: logging.LogRecord) -> str:
         event = getattr(record, "event", None) or {}
-        drive = f"{event['drive']}: " if event.get("drive") else ""
-        line = f"{wall_clock().isoformat(timespec='seconds')} {record.levelname} {drive}{record.getMessage()}"
+        name, text = event.get("drive"), record.getMessage()
+        prefix = f"{name}: " if name and not re.match(rf"{re.escape(name)}(?![A-Za-z0-9_-])", text) else ""
+        line = f"{wall_clock().isoformat(timespec='seconds')} {record.levelname} {prefix}{text}"
         shown = "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in line)
         return f"{shown}\n{self.formatException(record.exc_info)}" if record.exc_info else shown
