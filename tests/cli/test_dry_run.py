@@ -280,9 +280,18 @@ def test_the_plan_of_a_run_shows_the_words_before_the_start() -> None:
     assert any("only in the status that asks for it" in note for note in document["notes"])
 
 
-def test_the_plan_of_a_reset_on_an_edge_begins_with_the_stop_word() -> None:
+def test_the_writes_of_a_reset_on_an_edge_begin_with_the_stop_word() -> None:
     sent = [one["hex"].replace(" ", "")[:12] for one in dry("reset", "--model", "acs550", "--address", "3")["frames"]]
-    assert sent == ["03060000047E", "0306000004FE"]
+    assert [one for one in sent if one.startswith("0306")] == ["03060000047E", "0306000004FE"]
+
+
+@pytest.mark.parametrize(("model", "shows_state"), [("c320", True), ("vc660", True), ("df800", False)])
+def test_the_plan_of_a_reset_shows_the_state_that_decides_on_it(model: str, shows_state: bool) -> None:
+    """Without a fault a reset writes nothing."""
+    document = dry("reset", "--model", model, "--address", "3")
+    purposes = [frame["purpose"] for frame in document["frames"]]
+    assert (purposes[0] == i18n.text("dry.state", "en")) is shows_state
+    assert any("shows a fault" in note for note in document["notes"]) is shows_state
 
 
 def test_the_plan_of_a_run_shows_the_unlock_and_the_direction_before_the_start() -> None:

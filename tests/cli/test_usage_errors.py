@@ -82,6 +82,8 @@ def test_the_error_of_an_invalid_number_has_the_allowed_range(
         ("run fan-1 --frequency 5", "--service http://127.0.0.1:8080 --drive fan-1"),
         ("stop fan-1", "--service http://127.0.0.1:8080 --drive fan-1"),
         ("stop --all fan-1", "--service http://127.0.0.1:8080 --drive fan-1"),
+        ("scan fan-1", "`drivebus monitor --service http://127.0.0.1:8080`"),
+        ("monitor fan-1", "`drivebus monitor --service http://127.0.0.1:8080`"),
         ("status none.toml", "`drivebus check none.toml`"),
         ("run --group fans --frequency 5", "`drivebus set-frequency`"),
         ("run --service http://127.0.0.1:1 --group fans --frequency 5", "`drivebus set-frequency`"),
@@ -132,7 +134,13 @@ def test_a_file_that_does_not_exist_is_not_called_found(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     output = run_words(shlex.split(line), "en").output
-    assert "no such file: - found" in output and '"none.toml" found' not in output, output
+    assert "no such file: a " in output and "found" not in output, output
+
+
+@pytest.mark.parametrize("command", ["scan", "monitor"])
+def test_a_port_that_is_none_is_refused_before_a_line_says_that_it_is_listened_to(command: str) -> None:
+    output = run_words([command, "http://127.0.0.1:8080"], "en").output
+    assert "--service http://127.0.0.1:8080" in output and "istening" not in output
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
@@ -238,7 +246,7 @@ def test_two_different_passwords_are_prompted_for_again_in_the_users_language(
 
 
 FILES = [
-    ("check none.toml", "none.toml：文件不存在：实际为 -"),
+    ("check none.toml", "none.toml：文件不存在：应为"),
     ("serve none.toml", "none.toml：文件不存在"),
     ("init --answers none.toml", "none.toml：文件不存在"),
     ("init --answers invalid.toml", "invalid.toml:2：不是有效的 TOML"),

@@ -135,8 +135,9 @@ async def search(request: ScanRequest, listen_s: float) -> list[DetectedDrive] |
 
     passes = request.plan()
     if listen_s > 0 and passes:
+        port = request.open_port(passes[0].settings)
         output.print_note("scan.listening", seconds=f"{listen_s:g}")
-        sniffed = await scan.sniff(request.open_port(passes[0].settings), listen_s)
+        sniffed = await scan.sniff(port, listen_s)
         if sniffed.count:
             output.print_note("scan.foreign", count=sniffed.count, seconds=f"{sniffed.seconds:g}")
             return None

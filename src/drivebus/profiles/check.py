@@ -156,7 +156,7 @@ def _check_capabilities(profile: ProfileIn) -> Iterator[Issue]:
         return
     for section in ("modbus", "commands"):
         if getattr(profile, section) is None:
-            yield issue("missing_key", (section,), "-", name=section)
+            yield issue("missing_key", (section,), None, name=section)
     yield from _check_modbus(profile)
     if "status" in able or profile.status:  # a status word is read, and confirms a stop, without the capability too
         table, states = offered_states(profile)
@@ -167,7 +167,7 @@ def _check_capabilities(profile: ProfileIn) -> Iterator[Issue]:
             if state not in states and "status" in able:
                 yield issue("needs", ("capabilities",), "status", what=f"{table} {state}")
             elif state not in states:
-                yield issue("missing_key", ("status",), "-", name=f"{table} {state}")
+                yield issue("missing_key", ("status",), None, name=f"{table} {state}")
     yield from _check_standstill(profile)
     if profile.commands is None:
         return

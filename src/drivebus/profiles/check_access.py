@@ -136,7 +136,7 @@ def check_codes(profile: ProfileIn) -> Iterator[Issue]:
     if identity.codes and identity.code_register is None:
         yield issue("no_effect_without", ("identity", "codes"), "codes", other="code_register")
     if identity.code_register is not None and not identity.codes:
-        yield issue("missing_key", ("identity", "codes"), "-", name="codes")
+        yield issue("missing_key", ("identity", "codes"), None, name="codes")
     for place, name, _ in command_places(profile):
         if place == ("holding", identity.code_register):
             yield issue("duplicate", ("identity", "code_register"), f"{place[1]:04X}H", other=name)
@@ -192,7 +192,7 @@ def _check_commands(profile: ProfileIn, commands: CommandsIn) -> Iterator[Issue]
     if commands.written_to == "coil" and not {WRITE_COIL, WRITE_COILS} & set(functions):
         yield _needs_function(at, commands.written_to, WRITE_COIL, WRITE_COILS)
     if commands.written_to == "coils" and not commands.coil_count:
-        yield issue("missing_key", ("commands", "coil_count"), "-", name="coil_count")
+        yield issue("missing_key", ("commands", "coil_count"), None, name="coil_count")
     if commands.written_to != "coils" and commands.coil_count:
         other = 'written_to = "coils"'
         yield issue("no_effect_without", ("commands", "coil_count"), commands.coil_count, other=other)

@@ -29,6 +29,8 @@ INVISIBLE_RANGES = (
 blank braille pattern.
 """
 _VISIBLE = re.compile(rf"[^\s{CONTROL_RANGES}{INVISIBLE_RANGES}\U000e0000-\U000e0fff]")
+_ABSENT = "-"
+"""Shown as the value found of a key or file that does not exist; a text of the file stands in quotes."""
 DEFAULT_CATALOGUE = "profiles"
 """Catalogue of the texts that every file type may use."""
 
@@ -52,7 +54,7 @@ class Diagnostic:
     def text(self, language: str = "en") -> str:
         """Return the whole sentence: location, fault, value found, value expected, remedy."""
         return printable_text(
-            "profiles.diagnostic",
+            "profiles.diagnostic_absent" if self.found.en == _ABSENT else "profiles.diagnostic",
             language,
             where=self._location(language),
             what=i18n.text(_text_key(self.catalogue, "kind", self.kind), language),
@@ -185,7 +187,7 @@ def _quote(part: str) -> str:
 def format_value(value: Any, language: str) -> str:
     """Return a value as TOML writes it, shortened."""
     if value is None:
-        text = "-"
+        text = _ABSENT
     elif isinstance(value, bool):
         text = str(value).lower()
     elif isinstance(value, Text):
@@ -231,7 +233,7 @@ def _to_issue(fault: Any, path: tuple[str | int, ...], root: type[BaseModel]) ->
     if kind == "extra_forbidden":
         return issue("unknown_key", path, path[-1], known=tuple(_known_keys(path, root)))
     if kind == "missing":
-        return issue("missing_key", path, "-", name=path[-1])
+        return issue("missing_key", path, None, name=path[-1])
     if kind == "literal_error":
         if path[0] == "commands" and "toggle" in str(value):
             return issue("toggle", path, value)

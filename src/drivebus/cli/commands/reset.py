@@ -20,12 +20,13 @@ def _plan(dry: DryRun, **_: Any) -> ExitCode:
     from drivebus.drives.dialects.base import StopMode
 
     commands = dry.dialect.profile.commands
-    frames = dry.dialect.reset()
+    frames, state_reads = dry.dialect.reset(), dry.dialect.state_reads()
+    dry.add("state", state_reads)
     dry.add_unlock()
     if commands is not None and commands.reset_on_edge:
         dry.add("stop", dry.dialect.stop(StopMode.STOP))
     dry.add("reset", [frame.request for frame in frames])
-    return dry.print("dry.note.confirm")
+    return dry.print(*(("dry.note.reset",) if state_reads else ()), "dry.note.confirm")
 
 
 command = drive_command(

@@ -62,8 +62,9 @@ async def _run(
     sniffed = None
     with shutdown_signals() as shutdown:
         if listen_s > 0 and passes:
+            port = open_port(passes[0].settings)
             output.print_note("scan.listening", seconds=f"{listen_s:g}")
-            sniffed = await shutdown.interruptible(scan.sniff(open_port(passes[0].settings), listen_s))
+            sniffed = await shutdown.interruptible(scan.sniff(port, listen_s))
         if sniffed is not None and sniffed.count:
             output.print_note("scan.foreign", count=sniffed.count, seconds=f"{sniffed.seconds:g}")
             if not force:

@@ -249,7 +249,7 @@ def _check_serial_settings(parsed: ParsedPlant, bus: str, drives: list[tuple[str
             factory = {getattr(parsed.profiles[id].serial, name) for id, _ in drives}
             if len(factory) > 1:
                 values = tuple(str(one) for one in sorted(factory))
-                yield issue("serial_unclear", path, "-", name=name, values=values)
+                yield issue("serial_unclear", path, None, name=name, values=values)
 
 
 def _setting_path(parsed: ParsedPlant, bus: str, name: str) -> KeyPath:
