@@ -251,6 +251,21 @@ def test_on_a_phone_no_state_runs_under_the_stop_button_of_its_tile(visit: Any) 
     assert covered == 0
 
 
+def test_on_a_phone_the_mark_of_an_alarm_covers_neither_state_nor_direction(visit: Any) -> None:
+    """Regression: it stood on the arrow of a running drive, so that forward and reverse looked alike."""
+    page = visit("#/fleet", size=(375, 812))
+    page.add_init_script(ALARMED_NAMES.replace("state: STATE", "state: 'running', direction: 'forward'"))
+    page.reload()
+    page.locator(".tile .priority").nth(4).wait_for()
+    assert page.locator(".tile .state .word").evaluate_all(OVERFLOWING) == 0
+    distances = page.locator(".tile").evaluate_all("""all => all.map((tile) => {
+      const mark = tile.querySelector('.priority').getBoundingClientRect();
+      const ends = [...tile.querySelector('.state').children].map((one) => one.getBoundingClientRect().right);
+      return mark.left - Math.max(...ends);
+    })""")
+    assert len(distances) >= 5 and min(distances) >= 0
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_at_twice_its_size_a_small_screen_begins_with_the_drives(visit: Any, language: str) -> None:
     """Regression: five filters filled the screen of 1440 x 900 at 200 %."""
