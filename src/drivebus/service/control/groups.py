@@ -9,7 +9,6 @@ import asyncio
 from dataclasses import replace
 from math import ceil, floor
 
-from drivebus.bus.station import Presence
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import DriveState
 from drivebus.errors import ControlNotHeld, DrivebusError, Expired, Interlocked, LimitError, ServiceError, Superseded
@@ -225,14 +224,10 @@ class GroupCommands:
     def _group_state(self, group: GroupConfig) -> str:
         runtimes = [self.plant.drives[id] for id in group.drives if id in self.plant.drives]
         states = [runtime.status().state for runtime in runtimes]
-        if DriveState.UNKNOWN in states or not all(_is_online(runtime) for runtime in runtimes):
+        if DriveState.UNKNOWN in states or not all(runtime.is_online for runtime in runtimes):
             return "unknown"
         turning = [state.turning for state in states]
         return "running" if all(turning) else "mixed" if any(turning) else "stopped"
-
-
-def _is_online(runtime: DriveRuntime) -> bool:
-    return runtime.bus.presence(runtime.config.address) is Presence.ONLINE
 
 
 def _check_followers_online(group: GroupConfig, runtimes: list[DriveRuntime]) -> None:
@@ -241,7 +236,7 @@ def _check_followers_online(group: GroupConfig, runtimes: list[DriveRuntime]) ->
     A leader without reply does not start, and then no follower does. Raises Interlocked.
     """
     for runtime in runtimes[1:] if group.leader else ():
-        if not _is_online(runtime):
+        if not runtime.is_online:
             raise Interlocked("plant.member_offline", drive=runtime.id, group=group.id, leader=group.leader)
 
 

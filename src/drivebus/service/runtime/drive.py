@@ -106,6 +106,11 @@ class DriveRuntime:
         return self.started_by_service or self.adopted or found_running
 
     @property
+    def is_online(self) -> bool:
+        """It replied last."""
+        return self.bus.presence(self.config.address) is Presence.ONLINE
+
+    @property
     def awaits_first_read(self) -> bool:
         """Its first read is under way: the state is not known, and no poll has failed."""
         not_read = self.status().reason == STATE_NOT_READ.reason

@@ -251,7 +251,7 @@ class SupervisionCycle:
 
     def _schedule_comm_loss_read(self, runtime: DriveRuntime, now: float) -> None:
         """Read a drive's behaviour at communication loss: once it is online, after writes, and each hour."""
-        if runtime.bus.presence(runtime.config.address) is not Presence.ONLINE or runtime.monitor is None:
+        if not runtime.is_online or runtime.monitor is None:
             return
         requested_at = runtime.comm_loss_requested_at
         wait_s = COMM_LOSS_READ_INTERVAL_S if runtime.comm_loss_read_at is not None else COMM_LOSS_RETRY_S
