@@ -185,11 +185,13 @@ def test_jog_stops_when_the_terminal_is_closed(plant: Plant) -> None:
 
 def test_a_jog_whose_adapter_is_pulled_ends_while_the_key_is_still_held(tmp_path: Path) -> None:
     """The motor turns on and no stop can be sent: nothing said so before the key was released."""
-    words = ("simulate", "--json", *DRIVE, "--baud", "19200", "--link", str(tmp_path / "drive"))
+    link = tmp_path / "drive"
+    words = ("simulate", "--json", *DRIVE, "--baud", "19200", "--link", str(link))
     with running_command(*words) as adapter:
         assert adapter.stdout is not None
         with PtyTerminal("jog", json.loads(adapter.stdout.readline())["url"], *DRIVE) as terminal:
             terminal.wait_for("Acknowledged", meanwhile=lambda: terminal.press(" "))
+            link.unlink()  # as udev does; the number of its pty is free for another test
             adapter.kill()
             terminal.wait_for("STOP NOT SENT", meanwhile=lambda: terminal.press(" "))
             assert terminal.exit_code() == 4

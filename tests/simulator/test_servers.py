@@ -131,6 +131,22 @@ async def test_unplugging_hangs_the_pty_up_and_replugging_links_a_new_pty(tmp_pa
     assert len(data) == 13
 
 
+async def test_the_link_is_gone_when_the_pty_hangs_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A program that opens its port again at once would get the next pty of that number, of another plant."""
+    import os
+
+    from drivebus.simulator.pty_server import serve_pty
+
+    simulated_bus, link = make_bus(), tmp_path / "drive"
+    server = await serve_pty(simulated_bus, link)
+    links, close = list[bool](), os.close
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "close", lambda end: (links.append(link.is_symlink()), close(end)))
+        simulated_bus.unplug()
+    await server.close()
+    assert links == [False, False]
+
+
 def hung_up(descriptor: int) -> bool:
     import os
 

@@ -62,15 +62,15 @@ class PtyServer:
                 os.write(self._descriptors[0], data)
 
     def on_unplugged(self) -> None:
-        """Close the descriptors, which is a hang-up for the program."""
+        """Remove the link, then close the descriptors, which is a hang-up for the program."""
         ends, self._descriptors = self._descriptors, None
         if ends is None:
             return
         self._loop.remove_reader(ends[0])
-        for end in ends:
-            os.close(end)
         if self._link is not None:
             self._link.unlink(missing_ok=True)
+        for end in ends:
+            os.close(end)
 
     def _open(self) -> None:
         master, slave = os.openpty()
