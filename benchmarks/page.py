@@ -154,11 +154,11 @@ def _tile_times(page: Any) -> Json:
 
 def _renderer_cpu_s(browser: Any) -> float:
     processes = browser.new_browser_cdp_session().send("SystemInfo.getProcessInfo")["processInfo"]
-    return float(sum(one["cpuTime"] for one in processes if one["type"] == "renderer"))
+    return float(sum(process["cpuTime"] for process in processes if process["type"] == "renderer"))
 
 
 def _thread_work(wire: Any) -> dict[str, float]:
-    return {one["name"]: one["value"] for one in wire.send("Performance.getMetrics")["metrics"]}
+    return {metric["name"]: metric["value"] for metric in wire.send("Performance.getMetrics")["metrics"]}
 
 
 def _spread(seconds: list[float]) -> Json:

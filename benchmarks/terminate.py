@@ -49,7 +49,7 @@ def termination_times(runs: int) -> Figures:
         model = Path(folder) / "slow_adapter.toml"
         model.write_text(TERMINATE_PROFILE)
         found = [_one_termination(url, model) for _ in range(runs)]
-    ended = [one for one in found if one is not None]
+    ended = [row for row in found if row is not None]
     stops_s = [stopped_s for stopped_s, _, _ in ended]
     return {
         "runs": runs,

@@ -200,7 +200,7 @@ def measure_web(drives: int, clients: int, seconds: float) -> Json:
             with child(*words, *more) as (_, message):
                 found[name] = json.loads(message)
             used = cpu_s(hub.pid) - before[0], cpu_s(server.pid) - before[1]
-            shares = [round(100 * one / seconds, 1) for one in used]
+            shares = [round(100 * item / seconds, 1) for item in used]
             found[name] |= {"cpu_percent": {"hub": shares[0], "web": shares[1]}}
         found["memory_mb"] = {"hub": memory_mb(hub.pid)["rss"], "web": memory_mb(server.pid)["rss"]}
     return found

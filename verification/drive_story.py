@@ -125,7 +125,9 @@ class _Story:
         profile = self.drive.profile
         roles = set(profile.roles.values())
         free = [
-            one for one in profile.parameters.values() if one.writable and one.readable and one.notation not in roles
+            parameter
+            for parameter in profile.parameters.values()
+            if parameter.writable and parameter.readable and parameter.notation not in roles
         ]
         if "write" not in self.able or not free:
             return

@@ -123,7 +123,7 @@ async def main() -> None:
     await over.wait()
     for attack in attacks:
         attack.cancel()
-    ended = Counter(type(one).__name__ for one in await asyncio.gather(*attacks, return_exceptions=True))
+    ended = Counter(type(failure).__name__ for failure in await asyncio.gather(*attacks, return_exceptions=True))
     ended.pop("CancelledError", None)
     print(json.dumps({"answers": dict(sorted(flood.found.items())), "gave_up": dict(ended)}), flush=True)
 

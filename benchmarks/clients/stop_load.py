@@ -65,7 +65,7 @@ class LoadedService:
                     await asyncio.sleep(0.5)
 
     def responding(self, bus: Json) -> list[Json]:
-        return [one for one in bus["stations"] if one["address"] in self.alive]
+        return [station for station in bus["stations"] if station["address"] in self.alive]
 
     async def fill(self, line: int, reader: int) -> None:
         """Read parameters of one drive after the other without end."""
@@ -163,7 +163,7 @@ async def main() -> None:
     before, begun = station_errors(plant, await plant.buses()), time.monotonic()
     many = await asyncio.gather(*(plant.stops(line, begun + seconds, seed) for line in plant.lines if seconds))
     ended, buses = time.monotonic(), await plant.buses()
-    calls = [*(one for calls in many for one in calls), *await run_stop_load(plant, rounds, seed)]
+    calls = [*(call for calls in many for call in calls), *await run_stop_load(plant, rounds, seed)]
     file.write_text("".join(" ".join(map(str, one)) + "\n" for one in calls))  # noqa: ASYNC240  at the end
     found = {
         "bound_s": max(bus["stop_bound_s"] for bus in buses),

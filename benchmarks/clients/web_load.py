@@ -72,7 +72,7 @@ class WebClients:
         return {
             "requests_per_s_answered": round(self.statuses[200] / seconds, 1),
             "statuses": {str(status): count for status, count in sorted(self.statuses.items())},
-            "answer_ms": quantiles(1000 * one for one in self.times_s) if self.times_s else {},
+            "answer_ms": quantiles(1000 * time_s for time_s in self.times_s) if self.times_s else {},
             "messages_per_s": round(self.messages / seconds, 1),
             "mebibytes_per_s": round(self.bytes / seconds / 2**20, 2),
             "websockets_closed": self.closed,

@@ -363,4 +363,4 @@ class Drive:
 
 def stop_bus(bus: Bus, stopped: Sequence[Drive]) -> drives.StopReport:
     """Stop every drive on a bus; see ``drivebus.stop_bus``."""
-    return bus.run(drives.stop_bus(bus.bus, [one.drive for one in stopped]))
+    return bus.run(drives.stop_bus(bus.bus, [drive.drive for drive in stopped]))

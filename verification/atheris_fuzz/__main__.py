@@ -40,7 +40,7 @@ def main() -> int:
         print(name, found, flush=True)
         if chosen.write:
             REPORT.write_text(json.dumps(report, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-    return int(any(one["crashes"] for one in report["decoders"].values()))
+    return int(any(decoder["crashes"] for decoder in report["decoders"].values()))
 
 
 def fuzz(name: str, runs: int, seconds: int, seed: int) -> dict[str, Any]:

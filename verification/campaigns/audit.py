@@ -335,9 +335,9 @@ class AuditTrailTrial:
         self.paths.head.write_bytes(head)
 
 
-def _same(one: TrailFiles, other: TrailFiles) -> bool:
+def _same(files: TrailFiles, other: TrailFiles) -> bool:
     """Return whether two trails have the same records; an empty file counts as absent."""
-    return {name: data for name, data in one.items() if data} == {name: data for name, data in other.items() if data}
+    return {name: data for name, data in files.items() if data} == {name: data for name, data in other.items() if data}
 
 
 def _entry(rng: Random) -> AuditEntry:

@@ -175,9 +175,11 @@ class CommandEpisode:
     def _on_command_ended(self, command: UserCommand) -> None:
         """Check that an unconfirmed stop is repeated and that a written value is in the drive."""
         drive = self.scenario.drives[command.address]
-        newer = any(one.is_motion and one.at >= command.at for one in self._commands_of(command.address))
+        newer = any(other.is_motion and other.at >= command.at for other in self._commands_of(command.address))
         if command.is_stop and command.result_word == "unknown" and not drive.stop_pending and not newer:
-            others = [one for one in self._commands_of(command.address) if one.is_stop and one.number > command.number]
+            others = [
+                other for other in self._commands_of(command.address) if other.is_stop and other.number > command.number
+            ]
             if not others:
                 self.scenario.oracle.violation(f"lost stop: {command} was given up")
         history = self.scenario.oracle.histories.get(command.address)

@@ -87,7 +87,7 @@ class FairnessBus:
         self.scenario.run(OBSERVATION_S)
         living = [address for address in self.scenario.drives if address not in self.dead]
         times = [[at for at in self.answers[address] if at >= since] for address in living]
-        return [(one[-1] - one[0]) / (len(one) - 1) for one in times]
+        return [(answers[-1] - answers[0]) / (len(answers) - 1) for answers in times]
 
     # --- rediscovery -----------------------------------------------------------------------------------------------
 

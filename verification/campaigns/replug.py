@@ -91,7 +91,9 @@ class ReplugBus:
         """Return the time of the newest value that is not bad (values of the DF800 are uncertain, as its scales are
         unpublished)."""
         readings = self.scenario.monitors[address].status().readings.values()
-        return max((one.source_time or 0.0 for one in readings if one.quality is not Quality.BAD), default=0.0)
+        return max(
+            (reading.source_time or 0.0 for reading in readings if reading.quality is not Quality.BAD), default=0.0
+        )
 
     def _open_handles(self) -> dict[str, int]:
         """Return the numbers of open ports, running tasks and queued requests."""
@@ -223,13 +225,13 @@ def run(campaign_run: CampaignRun) -> None:
 
 
 def _figures(campaign_run: CampaignRun, buses: list[ReplugBus]) -> None:
-    detected = sorted(one for bus in buses for one in bus.detected_s)
+    detected = sorted(seconds for bus in buses for seconds in bus.detected_s)
     for variant in COVERED:
-        back = sorted(one for bus in buses if bus.variant is variant for one in bus.back_s)
+        back = sorted(seconds for bus in buses if bus.variant is variant for seconds in bus.back_s)
         if back:
             campaign_run.figures[variant.name] = {
                 "polled again at most s": round(
-                    max(one for bus in buses if bus.variant is variant for one in bus.first_s), 3
+                    max(seconds for bus in buses if bus.variant is variant for seconds in bus.first_s), 3
                 ),
                 "every drive polled again p50 s": round(back[len(back) // 2], 3),
                 "every drive polled again at most s": round(back[-1], 3),

@@ -75,7 +75,7 @@ class SoakDay:
                 self._disturb()
                 fault_at = self._next_time(MEAN_FAULT_INTERVAL_S)
             else:
-                commands = [one for one in commands if not one.is_ended] + [self._random_command()]
+                commands = [command for command in commands if not command.is_ended] + [self._random_command()]
                 command_at = self._next_time(MEAN_COMMAND_INTERVAL_S)
         self.scenario.run(end - loop.time())
         self._restore_line()

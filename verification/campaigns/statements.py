@@ -211,14 +211,14 @@ class StatementSession:
         progress = ScanProgress(total_s=1.0)
         found = self.loop.run_until_complete(scan(passes, lambda settings: self.line, progress))
         replied = any(e.reaction is not None for e in self.line.exchanges)
-        for one in found:
-            key = "scan.found" if one.models else "scan.rejected" if one.valid_reply else "scan.no_valid_reply"
+        for station in found:
+            key = "scan.found" if station.models else "scan.rejected" if station.valid_reply else "scan.no_valid_reply"
             self.campaign_run.count(f"scan: {key}")
-            self.campaign_run.trace(f"{self.variant.name}/{self.number} {key} {one.address}")
+            self.campaign_run.trace(f"{self.variant.name}/{self.number} {key} {station.address}")
             statement = _scan_statement(key)
-            if one.valid_reply and (one.address != ADDRESS or not replied):
-                self._report(statement, f"a drive was found at address {one.address}")
-            if not one.valid_reply and not self.line.deliveries and not self.line.plan.echoes:
+            if station.valid_reply and (station.address != ADDRESS or not replied):
+                self._report(statement, f"a drive was found at address {station.address}")
+            if not station.valid_reply and not self.line.deliveries and not self.line.plan.echoes:
                 self._report(statement, "no byte was sent by the drive")
         clean = all(e.is_clean for e in self.line.exchanges if e.reaction is not None)
         if not found and replied and clean and self.line.echo != "detect" and not self.line.plan.echoes:

@@ -103,7 +103,7 @@ def _read_case(row: dict[str, Any]) -> FlipCase:
 def vector_cases(folder: Path) -> Iterator[FlipCase]:
     """Yield every frame of ``vectors/`` and of each family, as printed and as correct, with every possible receiver."""
     campaigns = family_campaigns().values()
-    codecs = {key: names for one in campaigns for key, names in one.codecs_of_vectors.items()}
+    codecs = {key: names for campaign in campaigns for key, names in campaign.codecs_of_vectors.items()}
     missing = {name: frame for one in campaigns for name, frame in one.missing_requests.items()}
     lines = [json.loads(line) for path in sorted(folder.glob("*.jsonl")) for line in path.open(encoding="utf-8")]
     right = {line["id"]: bytes.fromhex(line.get("canonical_hex", line["hex"])) for line in lines}
@@ -173,7 +173,7 @@ FlipMask = tuple[tuple[int, int], ...]
 """Pairs of a byte's place and its flipped bits."""
 
 
-STRENGTH_CASES = tuple(case for one in family_campaigns().values() for case in one.strength_cases)
+STRENGTH_CASES = tuple(case for campaign in family_campaigns().values() for case in campaign.strength_cases)
 
 
 def undetected_shares(most: int) -> dict[str, dict[str, object]]:

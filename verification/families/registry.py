@@ -20,7 +20,7 @@ def family_facts() -> dict[str, FamilyFacts]:
 @cache
 def facts_by_model() -> dict[str, FamilyFacts]:
     """Return the facts of each model's family."""
-    return {model: facts for one in family_facts().values() for model, facts in models_of(one).items()}
+    return {model: facts for family in family_facts().values() for model, facts in models_of(family).items()}
 
 
 DRIVE_VARIANTS: tuple[DriveVariant, ...] = tuple(

@@ -392,8 +392,10 @@ class HostSleepScenario:
 
     def _check_jog_ended(self, turning: bool) -> None:
         self.scenario.run(JOG_STOP_MAX_S)
-        stops = (one for one in self.frames if one.effect is RequestEffect.STOP and one.address == JOGGED_ADDRESS)
-        if turning and not any(self.woke_at <= one.start for one in stops):
+        stops = (
+            frame for frame in self.frames if frame.effect is RequestEffect.STOP and frame.address == JOGGED_ADDRESS
+        )
+        if turning and not any(self.woke_at <= stop.start for stop in stops):
             self.scenario.oracle.violation(f"T13 a jog goes on {JOG_STOP_MAX_S} s after the sleep")
 
     def _check_ended(self, command: UserCommand) -> None:

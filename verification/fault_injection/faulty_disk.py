@@ -364,8 +364,8 @@ def fail_capture(campaign_run: CampaignRun, disk: FaultyDisk, clean: list[str], 
 
 def _check_recording_ended(campaign_run: CampaignRun, disk: FaultyDisk, recorders: list[RecordingPort]) -> None:
     try:
-        for one in recorders:
-            one.end_capture()
+        for recorder in recorders:
+            recorder.end_capture()
     except ProgramKilled:
         pass
     except Exception as error:

@@ -138,7 +138,7 @@ def broadcast_stop(run: CellRun) -> None:
     report = _stop_all(scenario)
     scenario.run(4.0)
     sent = scenario.requests_since(mark)
-    broadcasts = [one for one in sent if one.address == run.variant.broadcast]
+    broadcasts = [request for request in sent if request.address == run.variant.broadcast]
     if not run.variant.stops_by_broadcast:
         scenario.expect(not broadcasts, "an undocumented broadcast")
     else:
@@ -162,7 +162,7 @@ def _check_all_stopped(scenario: MatrixScenario, broadcasts: list[SentRequest], 
         sent[0] in broadcasts and sent[0].effect is RequestEffect.STOP, "the broadcast is not the first frame"
     )
     scenario.expect(
-        all(one.effect in (RequestEffect.STOP, RequestEffect.RELEASE) for one in broadcasts),
+        all(broadcast.effect in (RequestEffect.STOP, RequestEffect.RELEASE) for broadcast in broadcasts),
         "a broadcast that is no stop",
     )
     if scenario.variant.model == "dzb100":

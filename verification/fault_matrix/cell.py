@@ -115,7 +115,7 @@ def check_void(scenario: MatrixScenario, act: ReplyAction | str, error: str, add
     answer = scenario.transact(address, wanted)
     sent = scenario.requests_since(mark)
     scenario.expect(
-        manipulation.remaining == 0 and [one.data for one in sent].count(data) == 2,
+        manipulation.remaining == 0 and [request.data for request in sent].count(data) == 2,
         f"sent {len(sent)} requests, the read not twice",
     )
     accepted = answer.error is None and answer.attempts == 2 and answer.received == scenario.replies[-1].data

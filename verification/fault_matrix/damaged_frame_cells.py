@@ -192,7 +192,7 @@ def leading_garbage(run: CellRun) -> None:
         scenario.manipulate_replies(1, after_junk(junk), 1)
         answer = scenario.transact(1, wanted)
         scenario.expect(answer.error is None and answer.attempts == 2, f"{size} bytes of junk: {answer}")
-        scenario.expect([one.data for one in scenario.requests_since(mark)].count(data) == 2, "not read twice")
+        scenario.expect([request.data for request in scenario.requests_since(mark)].count(data) == 2, "not read twice")
     _check_tolerated_noise(run)
 
 
@@ -257,4 +257,4 @@ def _check_flipped(scenario: MatrixScenario, act: Any) -> None:
     answer = scenario.transact(1, wanted)
     scenario.expect(answer.error is None and answer.attempts == 2, f"a flipped bit was accepted: {answer}")
     scenario.expect(scenario.failure_count(1) == failed + 1, f"not counted: {scenario.statistics(1).errors}")
-    scenario.expect([one.data for one in scenario.requests_since(mark)].count(data) == 2, "not read twice")
+    scenario.expect([request.data for request in scenario.requests_since(mark)].count(data) == 2, "not read twice")

@@ -67,11 +67,11 @@ def _check_ram_writes(scenario: MatrixScenario, notation: str) -> None:
         and memory.ram_writes.total() >= 2 * CELL_WRITES_PER_DAY + 5,
         "EEPROM worn",
     )
-    for one in scenario.requests_since(mark, RequestEffect.SETTING):
+    for request in scenario.requests_since(mark, RequestEffect.SETTING):
         if scenario.variant.model == "c320":
-            scenario.expect(class_and_operation(scenario.variant, one.data)[0] == 3, "not class 3")
+            scenario.expect(class_and_operation(scenario.variant, request.data)[0] == 3, "not class 3")
         else:
-            scenario.expect((modbus_write(scenario.variant, one.data) or (0x8000, 0))[0] < 0x8000, "with 8000H")
+            scenario.expect((modbus_write(scenario.variant, request.data) or (0x8000, 0))[0] < 0x8000, "with 8000H")
 
 
 @cell("toggle", C320, C320_HEX)
@@ -144,7 +144,9 @@ def one_pulse_per_edge(run: CellRun) -> None:
     scenario.station(1).trip(run.rng.choice(list(Trip)))
     scenario.command_to_end(1, "reset_fault")
     words = [
-        word[1] for one in scenario.requests if (word := modbus_write(scenario.variant, one.data)) and word[0] == 0x2000
+        word[1]
+        for request in scenario.requests
+        if (word := modbus_write(scenario.variant, request.data)) and word[0] == 0x2000
     ]
     for one, other in pairwise(words):
         scenario.expect(
@@ -257,8 +259,8 @@ def scale_read_back(run: CellRun) -> None:
     mark, command = len(scenario.requests), scenario.command_to_end(1, "run", hz)
     values = [
         word
-        for one in scenario.requests_since(mark)
-        if (word := modbus_write(scenario.variant, one.data)) and word[0] == 0x2001
+        for request in scenario.requests_since(mark)
+        if (word := modbus_write(scenario.variant, request.data)) and word[0] == 0x2001
     ]
     scenario.expect(
         command.result_word == "confirmed" and values == [(0x2001, round(hz * 100))], f"{command.result_word}: {values}"
@@ -282,8 +284,8 @@ def frequency_source(run: CellRun) -> None:
     mark, command = len(scenario.requests), scenario.command_to_end(1, "run", hz)
     values = [
         word
-        for one in scenario.requests_since(mark)
-        if (word := modbus_write(scenario.variant, one.data)) and word[0] == 0x2001
+        for request in scenario.requests_since(mark)
+        if (word := modbus_write(scenario.variant, request.data)) and word[0] == 0x2001
     ]
     scenario.expect(
         command.result_word == "acknowledged" and values == [(0x2001, round(hz * 100))],

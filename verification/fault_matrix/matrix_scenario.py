@@ -108,7 +108,9 @@ class MatrixScenario(Scenario):
         def on_dispatch(frame: Any, stations: Any, transmission: Any, now: float) -> None:
             self._current_request = frame.frame
             manipulation = self._manipulation_for(frame.address, lambda act: isinstance(act, str))
-            hit = [one.faults for one in stations if manipulation is not None and one.address == frame.address]
+            hit = [
+                station.faults for station in stations if manipulation is not None and station.address == frame.address
+            ]
             what = "silent" if manipulation is not None and manipulation.action == "deaf" else "mute"
             before = [getattr(faults, what) for faults in hit]
             for faults in hit:
@@ -220,10 +222,10 @@ class MatrixScenario(Scenario):
 
     def requests_since(self, mark: int, *effect: RequestEffect) -> list[SentRequest]:
         """Return the requests from the ``mark``-th on, with these effects (default: all)."""
-        return [one for one in self.requests[mark:] if not effect or one.effect in effect]
+        return [request for request in self.requests[mark:] if not effect or request.effect in effect]
 
     def sync_probes(self, frames: Iterable[SentRequest]) -> list[SentRequest]:
-        return [one for one in frames if is_sync_probe(self.variant, one.data)]
+        return [frame for frame in frames if is_sync_probe(self.variant, frame.data)]
 
     def statistics(self, address: int) -> StationStatistics:
         return self.bus.statistics().stations[address]

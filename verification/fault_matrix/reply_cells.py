@@ -76,7 +76,7 @@ def _check_setpoint(
         return
     good = "confirmed" if shows else "acknowledged"
     scenario.expect(word == (good if ends == "done" else "failed" if shows else "unknown"), f"{lost}: {word}")
-    scenario.expect(2 <= len(frames) <= 3 and len({one.data for one in frames}) == 1, f"{len(frames)} setpoints")
+    scenario.expect(2 <= len(frames) <= 3 and len({frame.data for frame in frames}) == 1, f"{len(frames)} setpoints")
     scenario.expect(frames[-1].start - frames[0].start < SETPOINT_MAX_AGE_S, "resent when it was too old")
     for one, other in pairwise(frames):
         between = [sent for sent in scenario.requests_since(mark) if one.end < sent.start < other.start]
@@ -187,7 +187,7 @@ def standstill_confirmed_twice(scenario: MatrixScenario) -> None:
     wanted = scenario.variant.status_read_count
     scenario.expect(len(answers) == wanted, f"{len(answers)} kinds of questions")
     scenario.expect(
-        all(len(one) >= 2 and all(one[-2:]) for one in answers.values()), f"taken for standstill: {answers}"
+        all(len(answer) >= 2 and all(answer[-2:]) for answer in answers.values()), f"taken for standstill: {answers}"
     )
 
 
@@ -260,11 +260,14 @@ def _check_same_key_other_class(scenario: MatrixScenario) -> None:
     scenario.loop.run_until_complete(scenario.drives[1].read(("F0.1",)))
     sent = scenario.requests_since(mark)
     parameter = next(
-        one
-        for one in sent
-        if class_and_operation(scenario.variant, one.data)[0] == 2 and not is_sync_probe(scenario.variant, one.data)
+        request
+        for request in sent
+        if class_and_operation(scenario.variant, request.data)[0] == 2
+        and not is_sync_probe(scenario.variant, request.data)
     )
-    scenario.expect(scenario.sync_probes(one for one in sent if one.start < parameter.start), "F0.1 right after d.1")
+    scenario.expect(
+        scenario.sync_probes(request for request in sent if request.start < parameter.start), "F0.1 right after d.1"
+    )
 
 
 @cell("other_address")

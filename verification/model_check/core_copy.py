@@ -210,14 +210,14 @@ def _copy_object(thing: Any, memo: dict[int, Any]) -> Any:
     if kind is list:
         copied = memo.get(id(thing))
         if copied is None:
-            copied = memo[id(thing)] = [_copy_object(one, memo) for one in thing]
+            copied = memo[id(thing)] = [_copy_object(item, memo) for item in thing]
         return copied
     if kind is deque:
-        return deque([_copy_object(one, memo) for one in thing]) if thing else deque()
+        return deque([_copy_object(item, memo) for item in thing]) if thing else deque()
     if kind is tuple:
-        return tuple([_copy_object(one, memo) for one in thing])
+        return tuple([_copy_object(item, memo) for item in thing])
     if kind is dict:
-        return {_copy_object(key, memo): _copy_object(one, memo) for key, one in thing.items()}
+        return {_copy_object(key, memo): _copy_object(item, memo) for key, item in thing.items()}
     return bytearray(thing) if kind is bytearray else thing
 
 
@@ -227,17 +227,17 @@ def state_key(core: BusCore, now: float, far_s: float) -> tuple[Any, ...]:
     return named
 
 
-def _state_key(thing: Any, owner: Any, now: float, far_s: float) -> Any:
-    kind = type(thing)
-    if thing is None:
+def _state_key(value: Any, owner: Any, now: float, far_s: float) -> Any:
+    kind = type(value)
+    if value is None:
         return None
     rules = _KEY_RULES.get(kind)
     if rules is not None:
-        values = _KEY_GETTERS[kind](thing)
-        return tuple([v if rule is None else rule(v, thing, now, far_s) for rule, v in zip(rules, values, strict=True)])
+        values = _KEY_GETTERS[kind](value)
+        return tuple([v if rule is None else rule(v, value, now, far_s) for rule, v in zip(rules, values, strict=True)])
     if kind is dict:
-        return tuple([(key, _state_key(one, thing, now, far_s)) for key, one in thing.items()])
-    return tuple([_state_key(one, thing, now, far_s) for one in thing]) if thing else ()
+        return tuple([(key, _state_key(item, value, now, far_s)) for key, item in value.items()])
+    return tuple([_state_key(item, value, now, far_s) for item in value]) if value else ()
 
 
 def time_until(when: float | None, owner: Any, now: float, far_s: float) -> float | None:

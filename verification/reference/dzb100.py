@@ -136,7 +136,7 @@ class Dzb100Reference:
         if sent[3:5] == b"00":
             return ()
         places = (_reply_places(sent), _rejection_places(sent)) if sent else _request_places()
-        return tuple(FrameShape(one, range(0), "none") for one in places)
+        return tuple(FrameShape(place, range(0), "none") for place in places)
 
 
 def _has_valid_digits(received: bytes) -> bool:

@@ -307,13 +307,13 @@ def count_retained_objects(core: object) -> tuple[int, int]:
     """Return the number of prepared requests reachable from the bus, and the length of the longest container."""
     visited, waiting, prepared, longest = {id(core)}, [core], 0, 0
     while waiting:
-        for one in gc.get_referents(waiting.pop()):
-            kind = type(one)
-            if id(one) not in visited and (kind in _CONTAINERS or kind.__module__.startswith("drivebus.bus")):
-                visited.add(id(one))
-                waiting.append(one)
+        for referent in gc.get_referents(waiting.pop()):
+            kind = type(referent)
+            if id(referent) not in visited and (kind in _CONTAINERS or kind.__module__.startswith("drivebus.bus")):
+                visited.add(id(referent))
+                waiting.append(referent)
                 prepared += kind.__name__.startswith("Prepared")
-                longest = max(longest, len(one) if kind in _CONTAINERS else 0)
+                longest = max(longest, len(referent) if kind in _CONTAINERS else 0)
     return prepared, longest
 
 

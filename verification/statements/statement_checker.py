@@ -199,7 +199,7 @@ class StatementChecker:
                     yield "no reply was received twice"
             case "bus.late_reply":
                 late_ms = [(e.reply_at - e.at) * 1000 for e in around if isfinite(e.reply_at)]
-                if not any(one >= params["milliseconds"] - LATE_TOLERANCE_MS for one in late_ms):
+                if not any(delay_ms >= params["milliseconds"] - LATE_TOLERANCE_MS for delay_ms in late_ms):
                     yield f"replies came after {late_ms} ms"
             case "bus.other_station_replied":
                 foreign = any(e.line_fault in ("foreign", "damaged") for e in around)

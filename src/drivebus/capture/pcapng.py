@@ -69,7 +69,7 @@ def _packet(packet: PcapngPacket) -> bytes:
     size, flags = len(packet.data), (_IN if packet.inbound else _OUT) | (_SYMBOL_ERROR if packet.damaged else 0)
     time_high, time_low = packet.time_us >> 32, packet.time_us & 0xFFFFFFFF
     head = pack("<5I", 0, time_high, time_low, size, size) + _padded(packet.data)
-    return _block(6, head, _option(2, pack("<I", flags)), *(_text_option(1, one) for one in packet.comments))
+    return _block(6, head, _option(2, pack("<I", flags)), *(_text_option(1, comment) for comment in packet.comments))
 
 
 def _block(kind: int, head: bytes, *options: bytes) -> bytes:

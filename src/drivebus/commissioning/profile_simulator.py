@@ -395,7 +395,7 @@ def _parameter_specs(profile: DriveProfile) -> dict[int, ParameterSpec]:
     """Return every readable parameter at its factory setting, or where it meets a precondition or the maximum."""
     default_ramp = ParameterSpec(TENTH_SECONDS.raw(DEFAULT_RAMP_S), 1, 36000)
     found = {ACCEL_TIME: default_ramp, DECEL_TIME: default_ramp}
-    accepted = {one.notation: one.accepted[0] for one in profile.preconditions}
+    accepted = {precondition.notation: precondition.accepted[0] for precondition in profile.preconditions}
     for notation, parameter in profile.parameters.items():
         if parameter.readable:
             initial = accepted.get(notation, _initial_word(profile, parameter))

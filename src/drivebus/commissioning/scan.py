@@ -367,7 +367,7 @@ async def _find_named_by_code(
             reply = await reply_to(dialect, request)
             models = dialect.decode_identity((reply,)).models if reply is not None else ()
             if models:
-                return [one for one in fits if one.profile.model in models]
+                return [fit for fit in fits if fit.profile.model in models]
     return []
 
 

@@ -40,7 +40,7 @@ def encode_wireshark(capture: Capture, frames: Sequence[CapturedFrame], comment:
     if frames and start_us + round(frames[-1].time_s * 1e6) > pcapng.MAX_TIME_US:
         raise CaptureError("capture.export.too_late", time_s=f"{frames[-1].time_s:g}")
     interface = pcapng.PcapngInterface(_LINKTYPE_IPV4, header.port, str(header.settings), header.settings.baud)
-    packets = (one for frame in frames for one in _packets(frame, start_us))
+    packets = (packet for frame in frames for packet in _packets(frame, start_us))
     return pcapng.encode(packets, interface, header.writer, comment)
 
 

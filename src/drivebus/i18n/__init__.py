@@ -128,7 +128,7 @@ def _localized(value: Any, language: str) -> Any:
     The mark between the items of a list is that of the language.
     """
     if isinstance(value, list | tuple):
-        return join((str(_localized(one, language)) for one in value), "items", language)
+        return join((str(_localized(item, language)) for item in value), "items", language)
     in_language = getattr(value, "in_language", None)
     if callable(in_language):
         return in_language(language)

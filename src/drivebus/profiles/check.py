@@ -217,7 +217,7 @@ def _check_modbus(profile: ProfileIn) -> Iterator[Issue]:
 
 def _has_sync_registers(profile: ProfileIn) -> bool:
     """Return whether two neighbouring registers, one of which is read anyway, can be read at once by a sync probe."""
-    signals = {_locator_of(profile, one.notation, one) for one in profile.signals.values()}
+    signals = {_locator_of(profile, signal.notation, signal) for signal in profile.signals.values()}
     readable = {name: _locator_of(profile, name, one) for name, one in profile.parameters.items() if one.readable}
     signals |= {(profile.status.space, profile.status.register_)} if profile.status else set()
     wanted = signals | {readable.get(name) for name in (*profile.preconditions, *(profile.ramp or ()))}
@@ -333,7 +333,7 @@ def _check_registers(profile: ProfileIn) -> Iterator[Issue]:
 
 def _check_identity(profile: ProfileIn) -> Iterator[Issue]:
     """Check that the register of the identity is that of a signal: its polls then show the model."""
-    registers = {_register_of(profile, one.notation, one) for one in profile.signals.values()} - {None}
+    registers = {_register_of(profile, signal.notation, signal) for signal in profile.signals.values()} - {None}
     if profile.identity is not None and profile.identity.register_ not in registers:
         choices = listed_values(f"{register:04X}H" for register in sorted(r for r in registers if r is not None))
         yield issue("choice", ("identity", "register"), f"{profile.identity.register_:04X}H", choices=choices)

@@ -155,7 +155,7 @@ def profile_error(diagnostics: Sequence[Diagnostic]) -> ProfileError:
 def error_params(diagnostics: Sequence[Diagnostic]) -> dict[str, Any]:
     """Return the parameters of a configuration error: those of the first fault, and all ``diagnostics``."""
     first = diagnostics[0]
-    everything = Text.per_language(lambda language: "\n".join(one.text(language) for one in diagnostics))
+    everything = Text.per_language(lambda language: "\n".join(diagnostic.text(language) for diagnostic in diagnostics))
     return {
         "file": first.file,
         "line": first.line,

@@ -415,7 +415,7 @@ class OpenQuestion:
     def expected(self) -> tuple[str, ...]:
         """The values that the option may have, or their type."""
         span = [f"{self.span[0]} … {self.span[1]}"] if self.span else []
-        shown = [str(one).lower() if isinstance(one, bool) else str(one) for one in self.choices]
+        shown = [str(choice).lower() if isinstance(choice, bool) else str(choice) for choice in self.choices]
         return (*shown, *span) or (type(self.value).__name__,)
 
 
@@ -530,7 +530,7 @@ class DriveProfile:
 
     def question(self, option: str) -> OpenQuestion:
         """Return the question that an option of this profile answers."""
-        return next(one for one in self.open_questions if one.name == option)
+        return next(question for question in self.open_questions if question.name == option)
 
     @property
     def needs_model_check(self) -> bool:

@@ -106,7 +106,7 @@ def _find_by_notation(profile: DriveProfile, name: str) -> Signal | Parameter | 
     """Find an entry of another space than holding registers, which its notation does not show."""
     wanted = name.strip().casefold()
     entries: list[Signal | Parameter] = [*profile.signals.values(), *profile.parameters.values()]
-    return next((one for one in entries if one.notation.casefold() == wanted), None)
+    return next((entry for entry in entries if entry.notation.casefold() == wanted), None)
 
 
 def _find_by_name(profile: DriveProfile, name: str) -> Parameter | None:

@@ -241,7 +241,7 @@ def _bus_points(bus: Json) -> Iterator[OptionalPoint]:
     yield "bus_replies_total", labels, bus["replies"]
     yield from _labelled_counts("bus_errors_total", labels, bus["errors"])
     yield from _labelled_counts("bus_events_total", labels, bus["counters"])
-    yield "bus_cycle_seconds", labels, max((one["refresh_s"] or 0.0 for one in bus["stations"]), default=None)
+    yield "bus_cycle_seconds", labels, max((station["refresh_s"] or 0.0 for station in bus["stations"]), default=None)
     yield "bus_stop_bound_seconds", labels, bus["stop_bound_s"]
     yield "bus_foreign_master", labels, bus["foreign_master"]
     if bus["is_open"]:
@@ -305,10 +305,10 @@ def _signal_points(drive: Json) -> Iterator[OptionalPoint]:
     for name, signal in signals.items():
         yield "drive_signal_valid", (drive["id"], name), signal["quality"] == Quality.GOOD
         yield "drive_signal_age_seconds", (drive["id"], name), _age_s(drive, signal["source_time_ms"])
-    for one in SIGNAL_METRICS:
-        signal = signals.get(one.signal)
-        if signal is not None and signal["quality"] == Quality.GOOD and signal["unit"] == one.unit:
-            yield one.metric, (drive["id"],), signal["value"] * one.factor
+    for metric in SIGNAL_METRICS:
+        signal = signals.get(metric.signal)
+        if signal is not None and signal["quality"] == Quality.GOOD and signal["unit"] == metric.unit:
+            yield metric.metric, (drive["id"],), signal["value"] * metric.factor
 
 
 def _run_points(drive_id: str, run: Json) -> Iterator[OptionalPoint]:

@@ -60,12 +60,12 @@ def values_table(rows: list[dict[str, Any]], entries: dict[str, Signal | Paramet
     return output.fitted_table(head, [_cells(one, entries[one["name"]]) for one in rows])
 
 
-def _cells(one: dict[str, Any], entry: Signal | Parameter) -> list[str]:
-    meaning = f" = {one['meaning']}" if one["meaning"] else ""
-    reason = output.text("status.because", why=one["reason"]) if one.get("reason") else ""
-    wire = f"{output.text('read.space_' + one['wire']['space'])} {one['wire']['hex']}"
-    value = format_value(one["value"], one["unit"], entry)
-    return [one["notation"], wire, one["raw_hex"] or "–", value, one["text"] + meaning + reason]
+def _cells(row: dict[str, Any], entry: Signal | Parameter) -> list[str]:
+    meaning = f" = {row['meaning']}" if row["meaning"] else ""
+    reason = output.text("status.because", why=row["reason"]) if row.get("reason") else ""
+    wire = f"{output.text('read.space_' + row['wire']['space'])} {row['wire']['hex']}"
+    value = format_value(row["value"], row["unit"], entry)
+    return [row["notation"], wire, row["raw_hex"] or "–", value, row["text"] + meaning + reason]
 
 
 def _reject_joined_names(ctx: click.Context, param: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:

@@ -65,7 +65,14 @@ def alternative_fields(description: FrameDescription) -> Mapping[str, Any] | Non
     """Return the second interpretation of ambiguous bytes (Sunfar hex data); None where they are not ambiguous."""
     if not any(key.endswith(".ambiguous") for key, _ in description.errata):
         return None
-    return next((each.fields for each in description.interpretations if each.note[0].endswith(".nibbles")), None)
+    return next(
+        (
+            interpretation.fields
+            for interpretation in description.interpretations
+            if interpretation.note[0].endswith(".nibbles")
+        ),
+        None,
+    )
 
 
 def _choose_encoding(profile: DriveProfile, data: bytes, wanted: str | None) -> str:
@@ -73,7 +80,7 @@ def _choose_encoding(profile: DriveProfile, data: bytes, wanted: str | None) -> 
     family = protocol_family(profile.family)
     known = family.encodings
     if wanted is None:
-        default = next((each for each in profile.encodings if each in known), known[0])
+        default = next((encoding for encoding in profile.encodings if encoding in known), known[0])
         return family.first_bytes.get(data[0], default) if data else default
     if wanted not in known:
         raise ConfigurationError("explain.encoding", model=profile.model, found=wanted, expected=tuple(known))

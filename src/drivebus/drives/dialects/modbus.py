@@ -218,7 +218,7 @@ class ModbusDialect(Dialect):
         status = self._status_span
         if status is None:
             return self.echo_test_read()
-        return next(one for one in self.state_reads() if request_span(one).covers(status))
+        return next(read for read in self.state_reads() if request_span(read).covers(status))
 
     def state_reads(self) -> tuple[Any, ...]:
         if self.status_map is None:
@@ -242,7 +242,9 @@ class ModbusDialect(Dialect):
     def fault_reads(self) -> tuple[Any, ...]:
         """Return the reads that name the fault once the status word reports one."""
         registers = self.status_map.fault_registers if self.status_map else ()
-        return tuple(request for request, _ in self._merged_reads({Span("holding", one): 1.0 for one in registers}))
+        return tuple(
+            request for request, _ in self._merged_reads({Span("holding", register): 1.0 for register in registers})
+        )
 
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
         """Merge signals of similar periods into one read where their registers touch."""
@@ -286,7 +288,7 @@ class ModbusDialect(Dialect):
         return found
 
     def _rejected_readings(self, read: Span, reason: str) -> Readings:
-        signals = [one for one in self.profile.signals.values() if read.covers(span_of(one))]
+        signals = [entry for entry in self.profile.signals.values() if read.covers(span_of(entry))]
         found = {signal.name: missing_reading(reason, signal.unit) for signal in signals}
         if self._status_span is not None and read.covers(self._status_span):
             found["state"] = missing_reading(reason)

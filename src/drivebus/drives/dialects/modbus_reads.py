@@ -132,7 +132,7 @@ def _can_merge(run: tuple[Span, float], span: Span, period: float, features: Mod
     last, shortest = run
     if last.covers(span):
         return True
-    if any(one.space == "holding" and (one.start, one.length) in features.blocks for one in (last, span)):
+    if any(part.space == "holding" and (part.start, part.length) in features.blocks for part in (last, span)):
         return False
     limit = MAX_BITS if span.space in BIT_SPACES else features.max_read
     touches = last.space == span.space and span.start <= last.end and _joined(last, span).length <= limit
@@ -163,7 +163,7 @@ def _sync_spans_in(profile: DriveProfile, space: str) -> tuple[Span, ...]:
     named = [p.notation for p in profile.preconditions] + list(profile.ramp_notations or ())
     entries: list[Signal | Parameter] = [*profile.signals.values()]
     entries += [profile.parameters[name] for name in named if name in profile.parameters]
-    wanted = {one.locator[1] for one in entries if one.locator[0] == space}
+    wanted = {entry.locator[1] for entry in entries if entry.locator[0] == space}
     if profile.status is not None and profile.status.space == space:
         wanted.add(profile.status.register)
     readable = {p.locator[1] for p in profile.parameters.values() if p.readable and p.locator[0] == space}

@@ -112,7 +112,10 @@ def _state_pair(
         older, newer = _ramping_down(older, output[0] != 0), _ramping_down(newer, output[1] != 0)
     frequencies = readings.pair("output_frequency")
     if frequencies is not None and readings.is_since("output_frequency", "state"):
-        first, second = (isinstance(one.value, int | float) and abs(one.value) > output_step_hz for one in frequencies)
+        first, second = (
+            isinstance(frequency.value, int | float) and abs(frequency.value) > output_step_hz
+            for frequency in frequencies
+        )
         older, newer = _ramping_down(older, first), _ramping_down(newer, second)
     return older, newer
 

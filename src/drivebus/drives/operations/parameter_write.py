@@ -128,7 +128,7 @@ def _bus_control_values(dialect: Dialect, wanted: CheckedWrite) -> str | None:
     for precondition in dialect.profile.preconditions:
         if precondition.notation == parameter.notation and wanted.raw not in precondition.accepted:
             numbers = [number_of(dialect, parameter, raw) for raw in precondition.accepted]
-            return " / ".join(str(display_value(parameter, one, one)) for one in numbers if one is not None)
+            return " / ".join(str(display_value(parameter, number, number)) for number in numbers if number is not None)
     return None
 
 

@@ -178,7 +178,7 @@ def _unmet(dialect: Dialect, condition: Precondition, reply: Any) -> UnmetPrecon
 
 def keypad_steps(unmet: tuple[UnmetPrecondition, ...]) -> Text:
     """Return the value of each unmet parameter and the keypad step that corrects it."""
-    return Text.join([_precondition_sentence(one) for one in unmet], "sentences")
+    return Text.join([_precondition_sentence(precondition) for precondition in unmet], "sentences")
 
 
 def _precondition_sentence(unmet: UnmetPrecondition) -> Text:

@@ -32,11 +32,11 @@ def prepare_start(op: OperationContext) -> DriveOperation[None]:
     open_steps = list(commands.status_steps) if commands is not None else []
     while not op.is_prepared():
         word = op.reading_pairs.agreed_raw("state")
-        step = next((one for one in open_steps if word is not None and one.when and one.when.matches(word)), None)
-        if step is None:
+        matching = [step for step in open_steps if word is not None and step.when and step.when.matches(word)]
+        if not matching:
             raise StartInhibited("drives.status_unprepared", status=_hex(word))
-        open_steps.remove(step)
-        yield from _take_step(op, step)
+        open_steps.remove(matching[0])
+        yield from _take_step(op, matching[0])
 
 
 def _send_unlock(op: OperationContext, kind: CommandKind) -> DriveOperation[None]:

@@ -183,7 +183,7 @@ def _check_runs_on(
 def _output_falls(op: OperationContext) -> bool:
     """Return whether the output frequency fell between the last two readings: some drives report *running* then."""
     pair = op.reading_pairs.pair("output_frequency")
-    values = [abs(one.value) for one in pair or () if isinstance(one.value, int | float)]
+    values = [abs(reading.value) for reading in pair or () if isinstance(reading.value, int | float)]
     return len(values) == 2 and values[1] < values[0]
 
 
@@ -425,7 +425,11 @@ def _stop_at_overspeed(op: OperationContext, frequency_hz: float) -> DriveOperat
     pair = op.reading_pairs.pair("output_frequency")
     if op.overspeed_hz is None or pair is None or op.derived.state not in _SPEEDING_STATES:
         return
-    values = [abs(one.value) for one in pair if isinstance(one.value, int | float) and one.quality is Quality.GOOD]
+    values = [
+        abs(reading.value)
+        for reading in pair
+        if isinstance(reading.value, int | float) and reading.quality is Quality.GOOD
+    ]
     if len(values) < len(pair) or not op.overspeed_hz < values[0] <= values[1]:
         return
     stopped = yield from stop(op)

@@ -64,9 +64,9 @@ class HuanyangDialect(Dialect):
         self.codec: Codec = HuanyangCodec()
         self._signals = signals_by_index(profile, "item")
         self._probes = sorted(
-            one.locator[1]
-            for one in profile.parameters.values()
-            if one.locator[0] == "parameter" and self._width(one, 0) == LONGEST_VALUE
+            parameter.locator[1]
+            for parameter in profile.parameters.values()
+            if parameter.locator[0] == "parameter" and self._width(parameter, 0) == LONGEST_VALUE
         )
         """Parameters of two bytes: the bus takes a reply that is shorter than the longest one for a rejection."""
         self._sync_count = 0

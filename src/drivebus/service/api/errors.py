@@ -30,9 +30,9 @@ def to_plain(value: Any) -> Any:
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, Mapping):
-        return {str(name): to_plain(one) for name, one in value.items()}
+        return {str(name): to_plain(item) for name, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
-        return [to_plain(one) for one in value]
+        return [to_plain(item) for item in value]
     if isinstance(value, Text):
         return value.by_language()
     text = getattr(value, "text", None)
@@ -140,7 +140,7 @@ def param_fault(path: str, found: Any, key: str, **params: Any) -> Json:
 
 def pydantic_faults(faults: Iterable[Mapping[str, Any]]) -> list[Json]:
     """Return the faults that pydantic found."""
-    return [_translate(one, ".".join(map(str, one["loc"]))) for one in faults]
+    return [_translate(fault, ".".join(map(str, fault["loc"]))) for fault in faults]
 
 
 def _translate(found: Mapping[str, Any], path: str) -> Json:
@@ -155,14 +155,14 @@ def _translate(found: Mapping[str, Any], path: str) -> Json:
 def params_error(operation: str, faults: list[Json]) -> InvalidParameters:
     """Return the error whose sentence names every fault."""
     problems = Text.per_language(
-        lambda language: i18n.join((_fault_sentence(one, language) for one in faults), "clauses", language)
+        lambda language: i18n.join((_fault_sentence(fault, language) for fault in faults), "clauses", language)
     )
     return InvalidParameters("plant.params", operation=operation, problems=problems, faults=faults)
 
 
-def _fault_sentence(one: Json, language: str) -> str:
-    expected = one["expected"][language]
-    return i18n.text("params.fault", language, path=one["path"], expected=expected) if one["path"] else expected
+def _fault_sentence(fault: Json, language: str) -> str:
+    expected = fault["expected"][language]
+    return i18n.text("params.fault", language, path=fault["path"], expected=expected) if fault["path"] else expected
 
 
 # --- outcomes ---------------------------------------------------------------------------------------------------------
@@ -176,7 +176,7 @@ def outcome_json(outcome: Outcome, command: str = "") -> Json:
         "text": localized(outcome.key, outcome.params),
         "params": to_plain(outcome.params),
         "notes": [{"key": key, "text": localized(key, params)} for key, params in outcome.notes],
-        "frames": [exchange_json(one) for one in outcome.exchanges],
+        "frames": [exchange_json(exchange) for exchange in outcome.exchanges],
         "command": command,
     }
 

@@ -72,8 +72,8 @@ def _field_text(name: str, value: Any, language: str) -> str:
 
 def _value_text(name: str, value: Any, language: str) -> str:
     if isinstance(value, dict):
-        return i18n.join((_field_text(inner, one, language) for inner, one in value.items()), "phrases", language)
+        return i18n.join((_field_text(inner, item, language) for inner, item in value.items()), "phrases", language)
     if isinstance(value, list | tuple):
-        return " ".join(_value_text(name, one, language) for one in value)
+        return " ".join(_value_text(name, item, language) for item in value)
     text = labels.value_text(name, value, language)
     return str(getattr(value, "value", value)) if text is None else text

@@ -97,10 +97,10 @@ class Queries:
     async def list_models(self, params: NoParams, actor: Actor) -> Json:
         """Return every model; a rejected file of the user is left out."""
         found: list[Json] = []
-        for one in list_models():
+        for model in list_models():
             await yield_to_loop()
-            if not isinstance(one, ProfileError):
-                found.append(one | {name: text_json(one[name]) for name in ("title", "maker")})
+            if not isinstance(model, ProfileError):
+                found.append(model | {name: text_json(model[name]) for name in ("title", "maker")})
         return {"models": found}
 
     @handles(MODELS_GET)

@@ -202,7 +202,7 @@ class AuditChain:
         head = records.decode_checkpoint(head_line, self._key)
         if (last and not records.decode_checkpoint(line, self._key)) or (head_line and not head):
             self._recovery_entries.append(AuditEntry(what=KEY_REPLACED))
-        newest = max((one for one in (last, head) if one), key=lambda one: one.number, default=None)
+        newest = max((record for record in (last, head) if record), key=lambda record: record.number, default=None)
         if newest is not None:
             self._checkpoint_number, self._checkpoint_mac = newest.number, newest.mac
             self._checkpoint_record = newest.n

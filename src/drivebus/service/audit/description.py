@@ -37,9 +37,9 @@ _PLACEHOLDER = re.compile(r"\{\w+\}")
 def titles_of(config: PlantConfig) -> Titles:
     """Return the titles of a plant's drives, groups and buses."""
     return {
-        "drive": {one.id: title_of(one) for one in config.drives},
-        "group": {one.id: title_of(one) for one in config.groups},
-        "bus": {one.id: title_of(one) for one in config.buses},
+        "drive": {drive.id: title_of(drive) for drive in config.drives},
+        "group": {group.id: title_of(group) for group in config.groups},
+        "bus": {bus.id: title_of(bus) for bus in config.buses},
     }
 
 
@@ -107,14 +107,14 @@ def _subject(item: Json, params: Mapping[str, Any], titles: Titles) -> Text:
 
 def _named_drives(drives: Any, titles: Titles) -> Text:
     """Return the titles of the first ``MAX_DRIVES`` of these drives, with the number of the others."""
-    ids = [str(one) for one in drives] if isinstance(drives, list) else []
+    ids = [str(drive) for drive in drives] if isinstance(drives, list) else []
     shown = Text.join([_title("drive", id, titles) for id in ids[:MAX_DRIVES]], "items")
     return shown if len(ids) <= MAX_DRIVES else bilingual_text("audit.more", shown=shown, n=len(ids) - MAX_DRIVES)
 
 
 def _named_subjects(subjects: Any, titles: Titles) -> Text:
     """Return the titles of buses, and the names of files, that alarms without a drive are about."""
-    ids = [str(one) for one in subjects] if isinstance(subjects, list) else []
+    ids = [str(subject) for subject in subjects] if isinstance(subjects, list) else []
     return Text.join([titles.get("bus", {}).get(id) or subject_name(id) for id in ids], "items")
 
 

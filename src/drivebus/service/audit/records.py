@@ -209,7 +209,11 @@ def decode_checkpoint(line: bytes, key: bytes | None) -> AuditCheckpoint | None:
     except KeyError:
         return None
     numbers, words = (made.number, made.n, made.time_ms), (made.hash, made.prev)
-    return made if all(type(one) is int for one in numbers) and all(isinstance(one, str) for one in words) else None
+    return (
+        made
+        if all(type(number) is int for number in numbers) and all(isinstance(word, str) for word in words)
+        else None
+    )
 
 
 def _sha(data: bytes) -> str:

@@ -66,7 +66,7 @@ class AuditReport:
             "covered": self.covered,
             "head": self.head,
             "found": self.problem_count,
-            "problems": [one.as_json() for one in self.problems],
+            "problems": [problem.as_json() for problem in self.problems],
         }
 
 

@@ -68,7 +68,7 @@ def is_frequent(password: str) -> bool:
     """
     folded = password.casefold()
     spellings = {folded, folded.translate(_LEET_SPELLING)}
-    texts = {"".join(filter(keep, each)) for each in spellings for keep in (str.isalnum, str.isalpha)}
+    texts = {"".join(filter(keep, spelling)) for spelling in spellings for keep in (str.isalnum, str.isalpha)}
     return any(_is_frequent_text(text) for text in (*spellings, *texts))
 
 

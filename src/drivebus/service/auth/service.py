@@ -227,7 +227,7 @@ class AuthService:
         Raises ResourceNotFound, AccessDenied for a wrong password, TooManyAttempts, AuthUnavailable.
         """
         await self.verify_own_password(own, password)
-        found = next((one for one in self.sessions.of_user(own.user) if one.id == id), None)
+        found = next((session for session in self.sessions.of_user(own.user) if session.id == id), None)
         if found is None:
             raise ResourceNotFound("auth.no_such_session", id=id)
         await self.logout(found)

@@ -87,7 +87,7 @@ class SessionStore:
         try:
             atomic_write_private(self.path, _SESSION_FILE_ADAPTER.dump_json(_SessionFile(_boot_id(), sessions)))
         except OSError:
-            if {one.digest for one in self.read()} - {one.digest for one in sessions}:
+            if {one.digest for one in self.read()} - {session.digest for session in sessions}:
                 with contextlib.suppress(OSError):
                     os.truncate(self.path, 0)
 
@@ -201,8 +201,8 @@ class SessionTable:
 
     def restore(self, stored: Iterable[StoredSession]) -> None:
         """Add the saved sessions of an earlier process."""
-        for one in stored:
-            self._by_digest[one.digest] = Session(**one.fields())
+        for record in stored:
+            self._by_digest[record.digest] = Session(**record.fields())
 
     def open_sessions(self, user: str, now: float) -> list[Session]:
         """Return the open sessions of a user; those that are too old end."""

@@ -86,7 +86,7 @@ class LoginThrottle:
         if (repeated := self._attempts.get(keys.repeated)) is not None:
             repeated.remove_expired(now)
             factor += min(len(repeated.times) / FREE_ATTEMPTS, 1.0)
-        return max((one.wait_s(now, factor) for one in known), default=0.0)
+        return max((attempt.wait_s(now, factor) for attempt in known), default=0.0)
 
     def record_attempt(self, keys: AttemptKeys, now: float) -> None:
         """Count an attempt. Call it before the password is checked, and only if it will be checked: an attempt that

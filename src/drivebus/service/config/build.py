@@ -135,21 +135,21 @@ def bus_config(file: PlantFile, id: str) -> BusConfig:
     return BusConfig(id, one.port, one.baud, one.format, _text(one.title, id))
 
 
-def drive_config(parsed: ParsedPlant, id: str, one: DriveTable) -> DriveConfig:
+def drive_config(parsed: ParsedPlant, id: str, table: DriveTable) -> DriveConfig:
     return DriveConfig(
         id=id,
-        bus=one.bus,
-        address=one.address,
-        model=parsed.model_of(one),
-        title=_text(one.title, id),
-        encoding=one.encoding,
-        options=dict(one.options),
-        limits=DriveLimits(**one.limits.model_dump()),
-        signals=dict(one.signals),
-        min_poll_interval_s=one.min_poll_interval_s or 0.0,
-        on_client_lost=OnClientLost(one.on_client_lost),
-        on_service_stop=OnServiceStop(one.on_service_stop),
-        on_restart=OnRestart(one.on_restart),
+        bus=table.bus,
+        address=table.address,
+        model=parsed.model_of(table),
+        title=_text(table.title, id),
+        encoding=table.encoding,
+        options=dict(table.options),
+        limits=DriveLimits(**table.limits.model_dump()),
+        signals=dict(table.signals),
+        min_poll_interval_s=table.min_poll_interval_s or 0.0,
+        on_client_lost=OnClientLost(table.on_client_lost),
+        on_service_stop=OnServiceStop(table.on_service_stop),
+        on_restart=OnRestart(table.on_restart),
     )
 
 
@@ -206,17 +206,17 @@ def _interlocks(file: PlantFile) -> list[InterlockConfig]:
     ]
 
 
-def _alarm(parsed: ParsedPlant, id: str, one: AlarmTable) -> AlarmConfig:
+def _alarm(parsed: ParsedPlant, id: str, table: AlarmTable) -> AlarmConfig:
     return AlarmConfig(
         id=id,
-        kind=AlarmKind(one.kind),
-        drives=tuple(alarm_drives(parsed, one)),
-        signal=one.signal,
-        threshold=one.threshold,
-        hysteresis=one.hysteresis,
-        delay_s=one.delay_s,
-        priority=AlarmPriority(one.priority),
-        title=_text(one.title, ""),
+        kind=AlarmKind(table.kind),
+        drives=tuple(alarm_drives(parsed, table)),
+        signal=table.signal,
+        threshold=table.threshold,
+        hysteresis=table.hysteresis,
+        delay_s=table.delay_s,
+        priority=AlarmPriority(table.priority),
+        title=_text(table.title, ""),
     )
 
 
@@ -227,10 +227,10 @@ def alarm_drives(parsed: ParsedPlant, alarm: AlarmTable) -> list[str]:
     return [id for id, one in parsed.file.drive.items() if alarm.signal in polled_signals(parsed, id, one)]
 
 
-def polled_signals(parsed: ParsedPlant, id: str, one: DriveTable) -> list[str]:
+def polled_signals(parsed: ParsedPlant, id: str, table: DriveTable) -> list[str]:
     """Return the signals that a drive polls."""
     profile = parsed.profiles.get(id)
-    return list(one.signals) or ([] if profile is None else list(profile.signals))
+    return list(table.signals) or ([] if profile is None else list(profile.signals))
 
 
 def _history(table: HistoryTable) -> HistoryConfig:

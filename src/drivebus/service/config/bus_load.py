@@ -155,7 +155,7 @@ class BusLoadEstimate:
     @property
     def stop_bound_s(self) -> float:
         """Longest stop bound of its drives."""
-        return max((one.stop_bound_s for one in self.drives), default=0.0)
+        return max((drive.stop_bound_s for drive in self.drives), default=0.0)
 
 
 def bus_loads(plant: PlantConfig) -> tuple[BusLoadEstimate, ...]:
@@ -232,7 +232,12 @@ def parse_requirement(text: str) -> LoadRequirement:
 def violations(requirement: LoadRequirement, buses: Iterable[BusLoadEstimate]) -> Iterator[RequirementViolation]:
     """Return everything that misses a requirement."""
     below = _COMPARISONS[requirement.sign]
-    return (one for bus in buses for one in _measurements(requirement, bus) if not below(one.found, requirement.limit))
+    return (
+        measurement
+        for bus in buses
+        for measurement in _measurements(requirement, bus)
+        if not below(measurement.found, requirement.limit)
+    )
 
 
 def _measurements(requirement: LoadRequirement, bus: BusLoadEstimate) -> Iterator[RequirementViolation]:

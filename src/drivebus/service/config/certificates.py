@@ -59,7 +59,7 @@ def _not_after(der: bytes) -> datetime:
     """Return ``notAfter`` of a certificate (RFC 5280, 4.1). Raises ValueError."""
     (_, certificate), *_ = _elements(der)
     (_, to_be_signed), *_ = _elements(certificate)
-    fields = [one for one in _elements(to_be_signed) if one[0] != _CONTEXT_VERSION]
+    fields = [element for element in _elements(to_be_signed) if element[0] != _CONTEXT_VERSION]
     if len(fields) < 4:  # serialNumber, signature, issuer, validity
         raise ValueError("not a certificate")
     _, (kind, text) = [*_elements(fields[3][1])][:2]

@@ -120,7 +120,7 @@ def _check_profile(parsed: ParsedPlant, id: str, drive: DriveTable) -> Iterator[
     """Yield the issues of a profile that could not be loaded."""
     found = parsed.profile_errors[id].params
     path = ("drive", id, "model")
-    kinds = [one.kind for one in found["diagnostics"]]
+    kinds = [diagnostic.kind for diagnostic in found["diagnostics"]]
     if kinds == ["no_model"]:
         yield issue("unknown_model", path, drive.model, **suggestions(drive.model, profiles.models()))
         return
@@ -128,7 +128,7 @@ def _check_profile(parsed: ParsedPlant, id: str, drive: DriveTable) -> Iterator[
         yield issue("no_file", path, parsed.model_of(drive))
         return
     yield issue("refused_model", path, drive.model, count=len(kinds))
-    first = next(one for one in parsed.profile_errors if parsed.profile_errors[one] is parsed.profile_errors[id])
+    first = next(other for other in parsed.profile_errors if parsed.profile_errors[other] is parsed.profile_errors[id])
     yield from found["diagnostics"] if first == id else ()
 
 

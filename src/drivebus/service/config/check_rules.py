@@ -81,26 +81,28 @@ def interlock_issues(parsed: ParsedPlant) -> Iterator[Issue]:
 
 def _check_names(parsed: ParsedPlant, expression: Expression, path: KeyPath) -> Iterator[Issue]:
     known = parsed.known_ids("drive")
-    for one in references(expression):
-        if one.drive not in known:
-            yield issue("expression_drive", path, str(one), column=one.column, **suggestions(one.drive, known))
-        elif one.drive in parsed.profiles:
-            yield from _check_signal(parsed, one, path)
+    for reference in references(expression):
+        if reference.drive not in known:
+            yield issue(
+                "expression_drive", path, str(reference), column=reference.column, **suggestions(reference.drive, known)
+            )
+        elif reference.drive in parsed.profiles:
+            yield from _check_signal(parsed, reference, path)
 
 
-def _check_signal(parsed: ParsedPlant, one: SignalReference, path: KeyPath) -> Iterator[Issue]:
+def _check_signal(parsed: ParsedPlant, reference: SignalReference, path: KeyPath) -> Iterator[Issue]:
     """Yield a reference to a signal that is not polled or never has good quality."""
-    profile = parsed.profiles[one.drive]
-    if one.name == STATE_NAME:
+    profile = parsed.profiles[reference.drive]
+    if reference.name == STATE_NAME:
         if "status" not in profile.capabilities:
-            yield issue("expression_no_state", path, str(one), column=one.column, model=profile.model)
+            yield issue("expression_no_state", path, str(reference), column=reference.column, model=profile.model)
         return
-    polled = polled_signals(parsed, one.drive, parsed.file.drive[one.drive])
-    if one.name not in polled:
-        names = suggestions(one.name, list(dict.fromkeys((STATE_NAME, *polled))))
-        yield issue("expression_signal", path, str(one), column=one.column, drive=one.drive, **names)
-    elif profile.signals[one.name].uncertain:
-        yield issue("expression_uncertain", path, str(one), column=one.column, model=profile.model)
+    polled = polled_signals(parsed, reference.drive, parsed.file.drive[reference.drive])
+    if reference.name not in polled:
+        names = suggestions(reference.name, list(dict.fromkeys((STATE_NAME, *polled))))
+        yield issue("expression_signal", path, str(reference), column=reference.column, drive=reference.drive, **names)
+    elif profile.signals[reference.name].uncertain:
+        yield issue("expression_uncertain", path, str(reference), column=reference.column, model=profile.model)
 
 
 def _check_sides(parsed: ParsedPlant, comparison: Comparison, path: KeyPath) -> Iterator[Issue]:
@@ -163,7 +165,11 @@ def _check_cycles(interlocks: Mapping[str, InterlockTable], expressions: Mapping
     """Yield drives that must run before each other, so that none of them could ever start."""
     required: dict[str, list[tuple[str, str]]] = {}  # drive → drives that must run before it, each with the interlock
     for id, expression in expressions.items():
-        wanted = {one.drive: None for one in references(expression) if requires_running(expression, one.drive)}
+        wanted = {
+            reference.drive: None
+            for reference in references(expression)
+            if requires_running(expression, reference.drive)
+        }
         for drive in interlocks[id].drives:
             required.setdefault(drive, []).extend((other, id) for other in wanted)
     reported: set[frozenset[str]] = set()
@@ -214,7 +220,7 @@ def _check_keys(alarm: AlarmTable, path: KeyPath) -> Iterator[Issue]:
 
 
 def _check_alarm_signal(parsed: ParsedPlant, alarm: AlarmTable, name: str, path: KeyPath) -> Iterator[Issue]:
-    drives = [one for one in alarm_drives(parsed, alarm) if one in parsed.profiles]
+    drives = [drive for drive in alarm_drives(parsed, alarm) if drive in parsed.profiles]
     if not alarm.drives and not drives:
         known = {signal for id, one in parsed.file.drive.items() for signal in polled_signals(parsed, id, one)}
         yield issue(

@@ -129,4 +129,4 @@ def _reload_action(old: DriveConfig, new: DriveConfig, reopened: Sequence[str]) 
 
 def _changed_fields(old: Any, new: Any) -> set[str]:
     """Return the names of the fields that differ."""
-    return {one.name for one in fields(old) if getattr(old, one.name) != getattr(new, one.name)}
+    return {field.name for field in fields(old) if getattr(old, field.name) != getattr(new, field.name)}

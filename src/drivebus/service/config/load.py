@@ -140,11 +140,11 @@ def _validate(raw: Mapping[str, Any]) -> tuple[PlantFile | None, list[Issue]]:
     return None, faults
 
 
-def _name_gateways(one: Issue) -> Issue:
+def _name_gateways(fault: Issue) -> Issue:
     """Return the issue of an unknown table ``[gateway.<name>]`` with the installed gateways, any other as it is."""
-    if one.kind == "unknown_key" and one.path[0] == "gateway" and len(one.path) == 2:
-        return issue("unknown_gateway", one.path, one.found, known=tuple(installed_gateways()))
-    return one
+    if fault.kind == "unknown_key" and fault.path[0] == "gateway" and len(fault.path) == 2:
+        return issue("unknown_gateway", fault.path, fault.found, known=tuple(installed_gateways()))
+    return fault
 
 
 def _is_consequence(one: Issue, faults: Sequence[Issue]) -> bool:
@@ -170,8 +170,8 @@ def _with_lines(found: Sequence[Issue | Diagnostic], text: str, source: str) -> 
     for path, line in iter_keys(text):
         for depth in range(1, len(path) + 1):
             lines.setdefault(path[:depth], line)
-    diagnostics = [one if isinstance(one, Diagnostic) else _diagnostic_at(one, lines, source) for one in found]
-    return sorted(diagnostics, key=lambda one: (one.file != source, one.line or 0))[:MAX_DIAGNOSTICS]
+    diagnostics = [fault if isinstance(fault, Diagnostic) else _diagnostic_at(fault, lines, source) for fault in found]
+    return sorted(diagnostics, key=lambda fault: (fault.file != source, fault.line or 0))[:MAX_DIAGNOSTICS]
 
 
 def _diagnostic_at(found: Issue, lines: Mapping[tuple[str, ...], int], source: str) -> Diagnostic:

@@ -60,9 +60,9 @@ def _may_show_password(line: str, redacted: str) -> bool:
 
 def _has_password(value: Any, key: str = "") -> bool:
     if isinstance(value, dict):
-        return any(_has_password(one, name) for name, one in value.items())
+        return any(_has_password(item, name) for name, item in value.items())
     if isinstance(value, list):
-        return any(_has_password(one, key) for one in value)
+        return any(_has_password(item, key) for item in value)
     if not isinstance(value, str):
         return False
     return value not in ("", HIDDEN) and (_SECRET_KEY.search(key) is not None or _url_has_password(value))

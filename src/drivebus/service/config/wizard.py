@@ -91,15 +91,17 @@ def read_answers(path: str) -> PlantAnswers:
     return PlantAnswers(found.title, tuple(_bus_answer(one) for one in found.bus))
 
 
-def _bus_answer(one: _BusAnswerIn) -> BusAnswer:
+def _bus_answer(table: _BusAnswerIn) -> BusAnswer:
     """Return the answer of one bus. Raises ConfigurationError for addresses that can't be used."""
     try:
-        addresses = parse_addresses(one.addresses, highest=999)  # the check of the written file names one too high
+        addresses = parse_addresses(table.addresses, highest=999)  # the check of the written file names one too high
     except ValueError:
-        raise ConfigurationError("plant_init.addresses", found=one.addresses) from None
-    names, model = [*one.names, *[""] * len(addresses)], model_name(one.model)
-    drives = (DriveAnswer(address, model, name, one.encoding) for address, name in zip(addresses, names, strict=False))
-    return BusAnswer(one.port, tuple(drives), one.baud, one.format)
+        raise ConfigurationError("plant_init.addresses", found=table.addresses) from None
+    names, model = [*table.names, *[""] * len(addresses)], model_name(table.model)
+    drives = (
+        DriveAnswer(address, model, name, table.encoding) for address, name in zip(addresses, names, strict=False)
+    )
+    return BusAnswer(table.port, tuple(drives), table.baud, table.format)
 
 
 def id_from_title(text: str, otherwise: str) -> str:

@@ -121,7 +121,7 @@ class StopCommands:
             found = [runtime for runtime in others if _stops_with_service(runtime)]
             plant.note_stop(*found, by=actor.name, kind="service")
             stops |= {runtime: asyncio.create_task(self._stop_one(runtime, actor, len(found))) for runtime in found}
-            if all(task.done() for task in stops.values()) and not any(each.awaits_first_read for each in others):
+            if all(task.done() for task in stops.values()) and not any(other.awaits_first_read for other in others):
                 break
             await asyncio.sleep(SERVICE_STOP_CHECK_S)
         for runtime in plant.drives.values():

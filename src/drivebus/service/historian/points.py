@@ -253,7 +253,9 @@ GAP_FACTOR = 3
 def coarsest_sufficient(from_ms: int, to_ms: int, points: int) -> ResolutionLevel:
     """Return the coarsest level with enough points."""
     widest = (to_ms - from_ms) / points * MIN_POINTS_DIVISOR
-    return max(one for one in ResolutionLevel if one is ResolutionLevel.RAW or RESOLUTIONS[one].width_ms <= widest)
+    return max(
+        level for level in ResolutionLevel if level is ResolutionLevel.RAW or RESOLUTIONS[level].width_ms <= widest
+    )
 
 
 ReadLevel = Callable[[ResolutionLevel], dict[str, Points]]
@@ -265,7 +267,7 @@ def coarsest_covering(
 ) -> tuple[ResolutionLevel, dict[str, Points]]:
     """Return the points of ``first``, or of a coarser level that reaches back farther."""
     chosen, found = first, read(first)
-    for coarser in (one for one in ResolutionLevel if one > first):
+    for coarser in (level for level in ResolutionLevel if level > first):
         missing = _first_time(found, to_ms) - from_ms
         if missing * MISSING_SPAN_DIVISOR <= to_ms - from_ms:
             break

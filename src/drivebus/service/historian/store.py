@@ -275,13 +275,15 @@ class HistoryStore:
             if batch.samples is not None:
                 self.connection.execute(_PUT_BATCH, batch.id, batch.samples)
             self.connection.execute_many(
-                _PUT_EVENT, [(one.id, one.time_ms, one.kind, one.drive, one.data) for one in batch.events]
+                _PUT_EVENT, [(event.id, event.time_ms, event.kind, event.drive, event.data) for event in batch.events]
             )
-            for one in batch.documents:
-                if one.data is None:
-                    self.connection.execute("DELETE FROM document WHERE kind = ? AND id = ?", one.kind, one.id)
+            for document in batch.documents:
+                if document.data is None:
+                    self.connection.execute(
+                        "DELETE FROM document WHERE kind = ? AND id = ?", document.kind, document.id
+                    )
                 else:
-                    self.connection.execute(_PUT_DOCUMENT, one.kind, one.id, one.data)
+                    self.connection.execute(_PUT_DOCUMENT, document.kind, document.id, document.data)
 
     @_raises_store_error
     def compact(self, compactions: Sequence[Compaction], stored_ms: int, keep_from: int | None) -> None:

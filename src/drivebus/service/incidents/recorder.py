@@ -31,7 +31,7 @@ def incident_parameters(profile: DriveProfile) -> tuple[str, ...]:
     loss.
     """
     rule = profile.comm_loss
-    preconditions = [one.notation for one in profile.preconditions if one.unreadable is None]
+    preconditions = [precondition.notation for precondition in profile.preconditions if precondition.unreadable is None]
     names = [*(profile.ramp_notations or ()), *preconditions, rule.time_notation, rule.action_notation]
     return tuple(dict.fromkeys(name for name in names if name is not None))
 

@@ -107,14 +107,14 @@ class IncidentStore:
     def _ids(self) -> list[str]:
         if not self.folder.is_dir():
             return []
-        ids = [one.name for one in self.folder.iterdir() if INCIDENT_ID.fullmatch(one.name)]
+        ids = [path.name for path in self.folder.iterdir() if INCIDENT_ID.fullmatch(path.name)]
         return sorted(ids, key=_incident_number)
 
     def _remove_partial(self) -> None:
         """Delete folders that an interrupted write left."""
-        for one in self.folder.iterdir():
-            if one.name.startswith("."):
-                shutil.rmtree(one, ignore_errors=True)
+        for path in self.folder.iterdir():
+            if path.name.startswith("."):
+                shutil.rmtree(path, ignore_errors=True)
 
     def _limit_size(self) -> None:
         ids = self._ids()

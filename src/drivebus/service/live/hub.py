@@ -72,7 +72,7 @@ class Hub:
 
     def _subscribers_of(self, topic: str) -> list[_Subscriber]:
         stream = topic if topic.startswith(FRAMES_PREFIX) else STATE_STREAM
-        return [one for one in self._subscribers if one.stream == stream]
+        return [subscriber for subscriber in self._subscribers if subscriber.stream == stream]
 
     async def subscribe(self, stream: str) -> AsyncIterator[Json]:
         """Yield the messages of one stream; see ``ServiceClient.live``."""

@@ -140,7 +140,11 @@ class GatewaySupervisor(PlantListener):
 
     def on_reload(self) -> None:
         """Start what was added, end what was removed, restart what was changed; notify the others."""
-        wanted = {one.id: one for one in self._plant.config.gateways if one.enabled and one.id not in self._without}
+        wanted = {
+            gateway.id: gateway
+            for gateway in self._plant.config.gateways
+            if gateway.enabled and gateway.id not in self._without
+        }
         for name in self._configs.keys() - wanted.keys():
             del self._configs[name], self._plant.gateways[name]
             self._end(name)

@@ -202,17 +202,17 @@ def handle_signals(
             ending.set()
         if ending.is_set():
             return
-        for each in reloads:
-            task = loop.create_task(each())
+        for reload in reloads:
+            task = loop.create_task(reload())
             tasks.add(task)
             task.add_done_callback(tasks.discard)
 
-    for one in TERMINATION_SIGNALS:
-        loop.add_signal_handler(one, ending.set)
+    for number in TERMINATION_SIGNALS:
+        loop.add_signal_handler(number, ending.set)
     loop.add_signal_handler(signal.SIGHUP, on_hangup)
     end_without_terminal()  # it may have been closed during the start, when SIGHUP is ignored
     try:
         yield reloads
     finally:
-        for one in (*TERMINATION_SIGNALS, signal.SIGHUP):
-            loop.remove_signal_handler(one)
+        for number in (*TERMINATION_SIGNALS, signal.SIGHUP):
+            loop.remove_signal_handler(number)

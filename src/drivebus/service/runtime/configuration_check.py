@@ -126,7 +126,7 @@ def difference_json(change: ConfigDiff) -> Json:
 
 def address_notes(running: PlantConfig, new: PlantConfig, unstarted: Collection[str]) -> list[Json]:
     """Return a sentence for each gateway that a reload moves or ends: its users lose it at its present address."""
-    wanted = {one.id: one for one in new.gateways if one.enabled}
+    wanted = {gateway.id: gateway for gateway in new.gateways if gateway.enabled}
     notes = []
     for before in running.gateways:
         after = wanted.get(before.id)
@@ -144,9 +144,10 @@ def _unique(found: Iterable[str]) -> list[str]:
 
 def _diagnostics_json(error: ConfigurationError) -> list[Json]:
     found: Iterable[Diagnostic] = error.params.get("diagnostics", ())
-    return [{"line": one.line, "key": one.key, "found": one.found.en, "text": to_plain(one)} for one in found] or [
-        {"line": None, "key": "", "found": "", "text": localized(error.key, error.params)}
-    ]
+    return [
+        {"line": diagnostic.line, "key": diagnostic.key, "found": diagnostic.found.en, "text": to_plain(diagnostic)}
+        for diagnostic in found
+    ] or [{"line": None, "key": "", "found": "", "text": localized(error.key, error.params)}]
 
 
 if __name__ == "__main__":

@@ -89,7 +89,7 @@ class ConfigReload:
 
     def _unstarted_gateways(self) -> frozenset[str]:
         """Return the gateways that the file enables and that this service does not start (``serve --without``)."""
-        return frozenset(one.id for one in self.plant.config.gateways if one.id not in self.plant.gateways)
+        return frozenset(gateway.id for gateway in self.plant.config.gateways if gateway.id not in self.plant.gateways)
 
     async def _in_thread(self, work: Callable[[], Any]) -> Any:
         """Run in a thread: reading a file delays no stop."""

@@ -56,7 +56,7 @@ def _limits_from_json(text: str) -> DriveLimits:
     """Return stored limits. Raises ValueError, TypeError, OverflowError or ConfigurationError for anything else."""
     found = DriveLimits(**json.loads(text))
     frequencies_hz = [found.minimum_hz, *([] if found.maximum_hz is None else [found.maximum_hz])]
-    if not all(type(one) in (int, float) and math.isfinite(one) for one in frequencies_hz):
+    if not all(type(hz) in (int, float) and math.isfinite(hz) for hz in frequencies_hz):
         raise TypeError("a frequency is not a finite number")
     if type(found.forward) is not bool or type(found.reverse) is not bool:
         raise TypeError("a direction is neither true nor false")
@@ -77,7 +77,9 @@ def _stored_waiver(store: Store, drive: str) -> CommLossWaiver | None:
     except (ConfigurationError, ValueError, TypeError, RecursionError):
         return None
     return (
-        found if found is not None and all(type(one) is str for one in (found.text, found.model, found.port)) else None
+        found
+        if found is not None and all(type(field) is str for field in (found.text, found.model, found.port))
+        else None
     )
 
 

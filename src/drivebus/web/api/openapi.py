@@ -71,7 +71,10 @@ def operation_options(operation: Operation) -> Json:
     """Return FastAPI's options for the route of an operation."""
     done: Json = {"description": "done", "model": operation.response}
     if operation.media_types:
-        done = {"description": "done", "content": {one: _content(one) for one in operation.media_types}}
+        done = {
+            "description": "done",
+            "content": {media_type: _content(media_type) for media_type in operation.media_types},
+        }
     errors = {code: {"description": text.en, "model": ErrorResponse} for code, text in STATUS_MEANINGS.items()}
     return {
         "operation_id": re.sub(r"\W", "_", operation.name),
@@ -115,7 +118,7 @@ def _schema_and_example(schema: Json) -> Json:
 
 def _query_schema(schema: Json) -> Json:
     """Return a schema without null, which a query cannot express: an optional parameter is not required."""
-    options = [one for one in schema.get("anyOf", ()) if one.get("type") != "null"]
+    options = [alternative for alternative in schema.get("anyOf", ()) if alternative.get("type") != "null"]
     outer = {name: value for name, value in schema.items() if name != "anyOf" and value is not None}
     return outer | (options[0] if options else {})
 

@@ -55,4 +55,4 @@ def _query_value(values: list[str], schema: Json) -> Any:
 
 
 def _has_type(schema: Json, kind: str) -> bool:
-    return any(one.get("type") == kind for one in (schema, *schema.get("anyOf", ())))
+    return any(alternative.get("type") == kind for alternative in (schema, *schema.get("anyOf", ())))

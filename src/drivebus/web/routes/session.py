@@ -121,13 +121,13 @@ async def list_sessions(request: Request, params: NoParams) -> Json:
     return {
         "sessions": [
             {
-                "id": one.id,
-                "address": one.address,
-                "opened_ms": now_ms - round(1000 * (now - one.opened)),
-                "active_ms": now_ms - round(1000 * (now - one.active)),
-                "current": one is own,
+                "id": session.id,
+                "address": session.address,
+                "opened_ms": now_ms - round(1000 * (now - session.opened)),
+                "active_ms": now_ms - round(1000 * (now - session.active)),
+                "current": session is own,
             }
-            for one in auth.sessions.open_sessions(own.user, now)
+            for session in auth.sessions.open_sessions(own.user, now)
         ]
     }
 

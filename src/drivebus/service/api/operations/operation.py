@@ -235,19 +235,19 @@ class Operation:
 def _without_references(value: Any, definitions: Json) -> Any:
     """Replace the references of a JSON schema by what they refer to."""
     if isinstance(value, list):
-        return [_without_references(one, definitions) for one in value]
+        return [_without_references(item, definitions) for item in value]
     if not isinstance(value, dict):
         return value
     if "$ref" in value:
         return definitions[value["$ref"].rpartition("/")[2]] | {
-            name: one for name, one in value.items() if name != "$ref"
+            name: item for name, item in value.items() if name != "$ref"
         }
-    return {name: _without_references(one, definitions) for name, one in value.items()}
+    return {name: _without_references(item, definitions) for name, item in value.items()}
 
 
 def collect_operations(*modules: ModuleType) -> dict[str, Operation]:
     """Return the operations that modules declare, by name. Raises ValueError for a name or route declared twice."""
-    found = [one for module in modules for one in vars(module).values() if isinstance(one, Operation)]
+    found = [value for module in modules for value in vars(module).values() if isinstance(value, Operation)]
     by_name = {operation.name: operation for operation in found}
     if not len(found) == len(by_name) == len({(operation.method, operation.path) for operation in found}):
         raise ValueError("an operation is declared twice")
