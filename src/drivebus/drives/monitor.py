@@ -25,7 +25,7 @@ _REASONS_WITHOUT_REPLY = ("drives.not_read", "drives.stale")  # replaced where t
 READING_VALIDITY_PERIODS = 3.0  # a reading is valid for max(3 periods, 1 s) and one timeout
 
 
-def status_polls(dialect: Dialect, names: tuple[str, ...], min_period_s: float = 0.0) -> list[Poll]:
+def status_polls(dialect: Dialect, names: tuple[str, ...], min_period_s: float) -> list[Poll]:
     """Return polls of these signals, of the state and of the fault, none more often than every ``min_period_s``."""
     polls = dialect.polls(names)
     known = {request for request, _ in polls}

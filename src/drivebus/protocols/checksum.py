@@ -106,6 +106,6 @@ def decimal_value(digits: bytes, start: int = 0) -> int:
     return int(found)
 
 
-def hex_bytes(digits: bytes, table: bytes = STRICT_HEX_DIGITS, start: int = 0) -> bytes:
+def hex_bytes(digits: bytes, *, start: int = 0) -> bytes:
     """Return the bytes in pairs of hex digits. Raises AlphabetError for a bad digit, ValueError for an odd count."""
-    return bytes.fromhex(canonical_digits(digits, table, start).decode("ascii"))
+    return bytes.fromhex(canonical_digits(digits, start=start).decode("ascii"))

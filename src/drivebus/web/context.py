@@ -41,19 +41,19 @@ class WebContext:
         Raises AuthUnavailable, and changes nothing, where the trail cannot be written.
         """
         what = operation.name
-        if not await try_record(self.client, audit_entry(what, target, params, "requested"), actor):
+        if not await try_record(self.client, audit_entry(what, target, params, outcome="requested"), actor):
             change.close()
             raise AuthUnavailable("auth.no_record")
         try:
             result = await change
         except DrivebusError as error:
-            await try_record(self.client, audit_entry(what, target, params, error.key), actor)
+            await try_record(self.client, audit_entry(what, target, params, outcome=error.key), actor)
             raise
-        await try_record(self.client, audit_entry(what, target, params, "done"), actor)
+        await try_record(self.client, audit_entry(what, target, params, outcome="done"), actor)
         return result
 
 
-def audit_entry(what: str, target: str, params: Json | None = None, outcome: str = "") -> Json:
+def audit_entry(what: str, target: str, params: Json | None = None, *, outcome: str) -> Json:
     """Return an entry for the audit trail; its parameters must hold no secret."""
     return {"what": what, "target": target, "params": params or {}, "outcome": outcome}
 

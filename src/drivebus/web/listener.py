@@ -24,7 +24,7 @@ _OUT_OF_DESCRIPTORS = frozenset({errno.EMFILE, errno.ENFILE})
 class BoundedListener(socket.socket):
     """Listening socket with limits for all connections and for those of one address."""
 
-    def __init__(self, *args: Any, is_proxy: Callable[[str], bool] = lambda address: False) -> None:
+    def __init__(self, *args: Any, is_proxy: Callable[[str], bool]) -> None:
         """``is_proxy``: whether an address is that of a trusted proxy, which may have all connections."""
         super().__init__(*args)
         self._is_proxy = is_proxy

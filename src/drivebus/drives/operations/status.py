@@ -114,7 +114,7 @@ def read_status(op: OperationContext, names: tuple[str, ...] | None = None) -> D
     return complete_status(op.dialect, op.drive_status(), wanted)
 
 
-def complete_status(dialect: Dialect, found: DriveStatus, wanted: tuple[str, ...] | None = None) -> DriveStatus:
+def complete_status(dialect: Dialect, found: DriveStatus, wanted: tuple[str, ...] | None) -> DriveStatus:
     """Return the status with the signals of the profile and ``STATUS_SIGNALS``, missing ones with their reason."""
     profile = dialect.profile
     readings: dict[str, Reading] = {}

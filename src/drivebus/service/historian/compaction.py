@@ -104,7 +104,7 @@ class OpenBlocks:
         buffered = [(buffer.oldest_batch, -len(buffer), tag) for tag, buffer in self._buffers.items() if len(buffer)]
         return [(tag, -size) for _, size, tag in sorted(buffered)]
 
-    def oldest_batch(self, without: Container[int] = ()) -> int | None:
+    def oldest_batch(self, without: Container[int]) -> int | None:
         """Return the oldest journal row that is needed once the tags ``without`` are compacted."""
         buffered = (buffer.oldest_batch for tag, buffer in self._buffers.items() if len(buffer) and tag not in without)
         return min(buffered, default=None)

@@ -17,7 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from threading import Lock
 
-from drivebus import clock, i18n
+from drivebus import i18n
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import compaction
@@ -165,28 +165,28 @@ class BatchBuilder:
         self.tags = {tag.name: tag for tag in contents.tags}
         self._last_event = contents.last_event
 
-    def build(self, taken: QueuedBatch, next_number: Callable[[int], int]) -> PendingBatch:
+    def build(self, queued: QueuedBatch, next_number: Callable[[int], int]) -> PendingBatch:
         """Build a batch. ``next_number`` returns the number of a known tag's next sample."""
         by_tag: defaultdict[str, list[Sample]] = defaultdict(list)
-        for sample in taken.samples:
+        for sample in queued.samples:
             by_tag[sample.tag].append(sample)
-        tags = self._changed_tags(list(by_tag), taken)
+        tags = self._changed_tags(list(by_tag), queued)
         new = {tag.name: tag.id for tag in tags if tag.name not in self.tags}
         groups = []
         for name, samples in by_tag.items():
             tag, first = (new[name], 0) if name in new else (self.tags[name].id, next_number(self.tags[name].id))
             groups.append((tag, first, _sample_columns(samples)))
-        events = [replace(event, id=self._last_event + n) for n, event in enumerate(taken.events, 1)]
+        events = [replace(event, id=self._last_event + n) for n, event in enumerate(queued.events, 1)]
         packed = encode_batch(groups) if groups else None
-        batch = Batch(self.last_batch + 1, packed, tags, events, list(taken.documents.values()))
-        return PendingBatch(batch, groups, taken.accepted)
+        batch = Batch(self.last_batch + 1, packed, tags, events, list(queued.documents.values()))
+        return PendingBatch(batch, groups, queued.accepted)
 
-    def _changed_tags(self, names: list[str], taken: QueuedBatch) -> list[Tag]:
+    def _changed_tags(self, names: list[str], queued: QueuedBatch) -> list[Tag]:
         """Return the tags that are new or have a new unit or text."""
         found = []
-        self._labels.update(taken.labels)
+        self._labels.update(queued.labels)
         free = 1 + max((tag.id for tag in self.tags.values()), default=0)
-        for name in dict.fromkeys([*names, *(name for name in taken.labels if name in self.tags)]):
+        for name in dict.fromkeys([*names, *(name for name in queued.labels if name in self.tags)]):
             tag = self.tags.get(name) or Tag(id=free, name=name)
             free += tag.id == free
             if name in self._labels:
@@ -240,12 +240,10 @@ class HistoryWriter:
         setting: HistoryConfig,
         queue: WriteQueue,
         *,
-        wall_ms: Callable[[], int] = clock.wall_ms,
-        monotonic_s: Callable[[], float] = time.monotonic,
-        pause_s: float = COMPACTION_PAUSE_S,
+        wall_ms: Callable[[], int],
     ) -> None:
         self._store, self._setting, self._queue = store, setting, queue
-        self._wall_ms, self._monotonic_s, self._pause_s = wall_ms, monotonic_s, pause_s
+        self._wall_ms, self._monotonic_s = wall_ms, time.monotonic
         self.open_blocks = OpenBlocks()
         self.problem: Text | None = None
         """Reason that prevents writing; None if the last write succeeded."""
@@ -259,7 +257,7 @@ class HistoryWriter:
         self._was_open = False
         """Whether the store was open before, so that the open blocks in memory are valid."""
         self._clock_ms = 0
-        self._clock_s = self._retention_s = monotonic_s()
+        self._clock_s = self._retention_s = self._monotonic_s()
 
     @property
     def tags(self) -> dict[str, Tag]:
@@ -390,7 +388,7 @@ class HistoryWriter:
 
     def _compaction_of(self, tag: int) -> Compaction:
         first, samples = self.open_blocks.copy(tag)
-        time.sleep(self._pause_s)
+        time.sleep(COMPACTION_PAUSE_S)
         return compact_samples(tag, first, samples, self._store.merged_block)
 
     def _age_clock_ms(self) -> int:

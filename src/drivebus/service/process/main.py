@@ -58,7 +58,10 @@ async def run_service(
     loop = asyncio.get_running_loop()
     notify, ending = SystemdNotifier(), asyncio.Event()
     check_plant_files(config)
-    with single_instance(config.directory), handle_signals(loop, ending, reloads_on_hangup) as on_reload:
+    with (
+        single_instance(config.directory),
+        handle_signals(loop, ending, reloads_on_hangup=reloads_on_hangup) as on_reload,
+    ):
         await _check_no_service_answers(config.directory)
         async with AsyncExitStack() as stack:
             service = await stack.enter_async_context(build_service(config, watchdog=notify))
@@ -181,7 +184,7 @@ ReloadCallbacks = list[Callable[[], Any]]
 
 @contextmanager
 def handle_signals(
-    loop: asyncio.AbstractEventLoop, ending: asyncio.Event, reloads_on_hangup: bool = True
+    loop: asyncio.AbstractEventLoop, ending: asyncio.Event, *, reloads_on_hangup: bool
 ) -> Iterator[ReloadCallbacks]:
     """Set ``ending`` on SIGTERM, Ctrl-C and a closed terminal; call the yielded callbacks on any other SIGHUP.
 

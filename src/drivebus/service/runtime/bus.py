@@ -94,7 +94,7 @@ class BusRuntime:
         config: DriveConfig,
         *,
         on_status: Callable[[DriveRuntime, DriveStatus], None],
-        store: Store | None = None,
+        store: Store | None,
     ) -> DriveRuntime:
         """Add a drive to the bus. Raises ConfigurationError, ProfileError."""
         drive = DriveRuntime(config, self.bus, on_status=on_status, store=store)

@@ -138,8 +138,8 @@ def address_notes(running: PlantConfig, new: PlantConfig, unstarted: Collection[
     return notes
 
 
-def _unique(found: Iterable[str]) -> list[str]:
-    return list(dict.fromkeys(found))
+def _unique(texts: Iterable[str]) -> list[str]:
+    return list(dict.fromkeys(texts))
 
 
 def _diagnostics_json(error: ConfigurationError) -> list[Json]:

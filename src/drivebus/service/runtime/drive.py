@@ -37,7 +37,7 @@ class DriveRuntime:
         bus: Bus,
         *,
         on_status: Callable[[DriveRuntime, DriveStatus], None],
-        store: Store | None = None,
+        store: Store | None,
     ) -> None:
         self.config, self.bus, self._on_status = config, bus, on_status
         self.id = config.id
@@ -185,7 +185,7 @@ class DriveRuntime:
         self.comm_loss_stale = True
         self.comm_loss_writes += 1
 
-    def set_comm_loss(self, report: CommLossReport, now: float, writes_before: int | None = None) -> None:
+    def set_comm_loss(self, report: CommLossReport, now: float, writes_before: int | None) -> None:
         """Take in a read of the communication-loss behaviour; a write since ``writes_before`` makes it stale."""
         self.comm_loss_stale = writes_before is not None and writes_before != self.comm_loss_writes
         kind = {True: "trips", False: "runs_on", None: "unknown"}[report.stops_on_comm_loss]

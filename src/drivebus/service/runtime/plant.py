@@ -108,7 +108,7 @@ class Plant:
     interlocks: InterlockEngine
     store: Store
     """Waivers and limits, which outlive the process."""
-    drive_store: Store | None = None
+    drive_store: Store | None
     """Calibrations and EEPROM write counts; None: the default of ``Drive``."""
     views: dict[str, DriveView] = field(default_factory=dict)
     """Newest view of each drive."""

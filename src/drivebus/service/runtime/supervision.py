@@ -64,7 +64,7 @@ class SupervisionCycle:
         *,
         storage: Storage,
         incidents: IncidentService,
-        watchdog: SystemdNotifier | None = None,
+        watchdog: SystemdNotifier | None,
     ) -> None:
         self._plant, self._publisher, self._jogs, self._policies = plant, publisher, jogs, policies
         self._control = control

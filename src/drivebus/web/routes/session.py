@@ -95,7 +95,7 @@ async def logout(request: Request, params: LogoutParams) -> JSONResponse:
     actor = credential.actor
     if params.all:
         ended = await context.auth.end_sessions(credential.session.user, "logout")
-        entry = audit_entry(LOGOUT.name, actor.name, {"sessions": ended}, "done")
+        entry = audit_entry(LOGOUT.name, actor.name, {"sessions": ended}, outcome="done")
     else:
         await context.auth.logout(credential.session)
         ended, entry = 1, audit_entry(LOGOUT.name, actor.name, outcome="done")
