@@ -29,8 +29,6 @@ INVISIBLE_RANGES = (
 blank braille pattern.
 """
 _VISIBLE = re.compile(rf"[^\s{CONTROL_RANGES}{INVISIBLE_RANGES}\U000e0000-\U000e0fff]")
-_ABSENT = "-"
-"""Shown as the value found of a key or file that does not exist; a text of the file stands in quotes."""
 DEFAULT_CATALOGUE = "profiles"
 """Catalogue of the texts that every file type may use."""
 
@@ -44,6 +42,9 @@ class Diagnostic:
     key: str
     """Dotted, as in TOML: ``signals.output_frequency.unit``; empty for the whole file."""
     found: Text
+    """As TOML writes the value; a dash for one that is absent."""
+    is_absent: bool
+    """The key or file does not exist, so no value was found."""
     expected: Text
     remedy: Text
     file: str = ""
@@ -54,7 +55,7 @@ class Diagnostic:
     def text(self, language: str = "en") -> str:
         """Return the whole sentence: location, fault, value found, value expected, remedy."""
         return printable_text(
-            "profiles.diagnostic_absent" if self.found.en == _ABSENT else "profiles.diagnostic",
+            "profiles.diagnostic_absent" if self.is_absent else "profiles.diagnostic",
             language,
             where=self._location(language),
             what=i18n.text(_text_key(self.catalogue, "kind", self.kind), language),
@@ -123,14 +124,15 @@ def unreadable_issue(error: OSError) -> Issue:
     return issue("folder", (), reason) if isinstance(error, IsADirectoryError) else issue("unreadable", (), reason)
 
 
-def to_diagnostic(found: Issue, file: str, line: int | None, catalogue: str = DEFAULT_CATALOGUE) -> Diagnostic:
+def to_diagnostic(fault: Issue, file: str, line: int | None, catalogue: str = DEFAULT_CATALOGUE) -> Diagnostic:
     """Return the diagnostic of an issue, with its texts in both languages."""
     return Diagnostic(
-        kind=found.kind,
-        key=dotted_key(found.path),
-        found=Text.per_language(lambda language: format_value(found.found, language)),
-        expected=bilingual_text(_text_key(catalogue, "expected", found.kind), **found.params),
-        remedy=bilingual_text(_text_key(catalogue, "remedy", found.kind), **found.params),
+        kind=fault.kind,
+        key=dotted_key(fault.path),
+        found=Text.per_language(lambda language: format_value(fault.found, language)),
+        is_absent=fault.found is None,
+        expected=bilingual_text(_text_key(catalogue, "expected", fault.kind), **fault.params),
+        remedy=bilingual_text(_text_key(catalogue, "remedy", fault.kind), **fault.params),
         file=file,
         line=line,
         catalogue=catalogue,
@@ -187,7 +189,7 @@ def _quote(part: str) -> str:
 def format_value(value: Any, language: str) -> str:
     """Return a value as TOML writes it, shortened."""
     if value is None:
-        text = _ABSENT
+        text = "-"
     elif isinstance(value, bool):
         text = str(value).lower()
     elif isinstance(value, Text):
@@ -276,7 +278,7 @@ def _find_model(annotation: Any) -> Any:
     return next((found for found in inner if found is not None), None)
 
 
-def nearest_names(name: str, known: Iterable[str]) -> list[str]:
+def nearest_names(name: str, choices: Iterable[str]) -> list[str]:
     """Return up to three known names that are similar to ``name``, the most similar first."""
-    by_folded = {candidate.lower(): candidate for candidate in known}
+    by_folded = {candidate.lower(): candidate for candidate in choices}
     return [by_folded[found] for found in difflib.get_close_matches(name.strip().lower(), by_folded, 3, 0.5)]
