@@ -83,10 +83,10 @@ def started_client(name: str, *given: object) -> Iterator[Figures]:
             process.kill()
 
 
-def run_stop_load(service: BenchmarkService, chosen: Measurement, seconds: float, rounds: int, calls: Path) -> Figures:
+def run_stop_load(service: BenchmarkService, options: Measurement, seconds: float, rounds: int, calls: Path) -> Figures:
     """Run ``stop_load`` to its end and return its figures."""
-    place = service.directory, service.port, chosen.lines, chosen.stations
-    given = [*place, seconds, rounds, chosen.seed, calls]
+    place = service.directory, service.port, options.lines, options.stations
+    given = [*place, seconds, rounds, options.seed, calls]
     words = [sys.executable, "-m", "benchmarks.clients.stop_load", *map(str, given)]
     return dict(
         json.loads(subprocess.run(words, cwd=PROJECT_FOLDER, stdout=subprocess.PIPE, text=True, check=True).stdout)
@@ -106,21 +106,21 @@ def measure_usage(service: BenchmarkService, found: Figures) -> Iterator[None]:
     }
 
 
-def run_phases(folder: Path, service: BenchmarkService, chosen: Measurement) -> dict[str, Figures]:
+def run_phases(folder: Path, service: BenchmarkService, options: Measurement) -> dict[str, Figures]:
     """Run the chosen phases one after the other against one plant and return the clients' figures of each."""
     found: dict[str, Figures] = {}
-    place = service.port, chosen.lines, chosen.stations
+    place = service.port, options.lines, options.stations
     usual = *place, NORMAL["websockets"], NORMAL["connections"], NORMAL["requests_per_s"]
-    for name in chosen.phases:
+    for name in options.phases:
         if name in ("normal", "loaded"):
-            burners = chosen.burners if name == "loaded" else 0
+            burners = options.burners if name == "loaded" else 0
             phase: Figures = {"load": NORMAL | ({"burners": burners} if burners else {})}
             with (
                 cpu_load(burners),
                 started_client("web_load", *usual) as phase["web_load"],
                 measure_usage(service, phase),
             ):
-                phase["plant"] = run_stop_load(service, chosen, chosen.seconds, 0, folder / name)
+                phase["plant"] = run_stop_load(service, options, options.seconds, 0, folder / name)
         elif name == "flood":
             phase = {"load": FLOOD}
             with (
@@ -130,11 +130,11 @@ def run_phases(folder: Path, service: BenchmarkService, chosen: Measurement) -> 
                 ],
                 measure_usage(service, phase),
             ):
-                phase["plant"] = run_stop_load(service, chosen, chosen.seconds / 2, 0, folder / name)
+                phase["plant"] = run_stop_load(service, options, options.seconds / 2, 0, folder / name)
         else:  # last: silent drives stay in the stop's retries
             phase = {"rounds": ROUNDS}
             with started_client("web_load", *usual) as phase["web_load"]:
-                phase["plant"] = run_stop_load(service, chosen, 0, ROUNDS, folder / name)
+                phase["plant"] = run_stop_load(service, options, 0, ROUNDS, folder / name)
         found[name] = phase
         print_progress(name, phase)
     return found
@@ -159,19 +159,19 @@ def with_wire_figures(phases: Mapping[str, Figures], folder: Path, frames_file: 
     return dict(phases)
 
 
-def measure_stops(chosen: Measurement) -> Figures:
+def measure_stops(options: Measurement) -> Figures:
     """Run the chosen phases on full lines and return their figures with a verdict for each goal."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         record = folder / "record"
         with CStations(
-            chosen.lines, baud=BAUD, delay_us=DELAY_US, dead=chosen.stations, flat=0x3000, record=record
+            options.lines, baud=BAUD, delay_us=DELAY_US, dead=options.stations, flat=0x3000, record=record
         ) as stations:
             priority = raise_priority(stations.process.pid)
-            with running_service(folder, stations.paths, chosen.stations, BAUD) as service:
+            with running_service(folder, stations.paths, options.stations, BAUD) as service:
                 nice = {name: os.getpriority(os.PRIO_PROCESS, pid) for name, pid in service.processes.items()}
-                phases = run_phases(folder, service, chosen)
-        found = with_wire_figures(phases, folder, record, chosen.stations)
+                phases = run_phases(folder, service, options)
+        found = with_wire_figures(phases, folder, record, options.stations)
     return {"far_end_runs": priority, "nice": nice, "verdicts": check_goals(found)} | found
 
 
@@ -196,23 +196,23 @@ def check_goals(found: Mapping[str, Figures]) -> Figures:
     return verdicts
 
 
-def measure_chosen(chosen: argparse.Namespace) -> Figures:
+def measure_chosen(options: argparse.Namespace) -> Figures:
     head: Figures = {
         "commit": current_commit(),
-        "seed": chosen.seed,
+        "seed": options.seed,
         "busy": round(os.getloadavg()[0], 2),
-        "seconds": chosen.seconds,
-        "lines": chosen.lines,
-        "stations_a_line": chosen.stations,
+        "seconds": options.seconds,
+        "lines": options.lines,
+        "stations_a_line": options.stations,
         "silent_a_line": 1,
         "line": f"{BAUD} 8N1",
         "cores": os.cpu_count(),
-        "burners": chosen.burners,
+        "burners": options.burners,
         "goals": STOP_GOALS,
     }
     names = ("lines", "stations", "seconds", "seed", "burners", "phases")
-    found = head | measure_stops(Measurement(**{name: getattr(chosen, name) for name in names}))
-    return found | {"sizes": measure_sizes(chosen.settle)}
+    found = head | measure_stops(Measurement(**{name: getattr(options, name) for name in names}))
+    return found | {"sizes": measure_sizes(options.settle)}
 
 
 def main() -> None:

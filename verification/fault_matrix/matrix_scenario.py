@@ -155,9 +155,11 @@ class MatrixScenario(Scenario):
 
     # --- actions of a cell -------------------------------------------------------------------------------------------
 
-    def transact(self, address: int, wanted: Any) -> BusResult:
+    def transact(self, address: int, request: Any) -> BusResult:
         """Run one transaction."""
-        answer: BusResult = self.loop.run_until_complete(self.bus.transact(BusRequest(station=address, request=wanted)))
+        answer: BusResult = self.loop.run_until_complete(
+            self.bus.transact(BusRequest(station=address, request=request))
+        )
         return answer
 
     def plain_read(self, address: int) -> tuple[Any, bytes]:

@@ -88,10 +88,10 @@ class PollSchedule:
         for poll in self.suspended.pop(station, ()):
             self.add(poll, now)
 
-    def make_due(self, wanted: Callable[[PreparedPoll], bool], now: float) -> None:
+    def make_due(self, matches: Callable[[PreparedPoll], bool], now: float) -> None:
         """Make polls due now that are due later; their periods count from now."""
         for place, (due_at, count, poll) in enumerate(self.heap):
-            if due_at > now and wanted(poll):
+            if due_at > now and matches(poll):
                 poll.due_at = poll.phase_at = now
                 self.heap[place] = (now, count, poll)
         heapify(self.heap)

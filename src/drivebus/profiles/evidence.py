@@ -30,10 +30,10 @@ def translate_pages(source: str, language: str) -> str:
     return source if language == "en" else _PAGES.sub(lambda found: _pages(found, language), source)
 
 
-def _pages(found: re.Match[str], language: str) -> str:
-    listed = (found["page"] or found["pages"]).replace(" to ", i18n.text("profiles.pages_to", language))
+def _pages(match: re.Match[str], language: str) -> str:
+    listed = (match["page"] or match["pages"]).replace(" to ", i18n.text("profiles.pages_to", language))
     numbers = i18n.join(re.split(", | and ", listed), "items", language)
-    key = "profiles.manual_pages" if found["manual"] else "profiles.pages"
+    key = "profiles.manual_pages" if match["manual"] else "profiles.pages"
     return i18n.text(key, language, pages=numbers) + (
-        i18n.text("profiles.pages_colon", language) if found["colon"] else ""
+        i18n.text("profiles.pages_colon", language) if match["colon"] else ""
     )

@@ -184,8 +184,8 @@ def similar_models(name: str) -> list[str]:
     return nearest_names(name, models())
 
 
-def _single_error(path: Path, found: Issue, line: int | None = None) -> ProfileError:
-    return profile_error([to_diagnostic(found, str(path), line)])
+def _single_error(path: Path, fault: Issue, line: int | None = None) -> ProfileError:
+    return profile_error([to_diagnostic(fault, str(path), line)])
 
 
 def _read_chain(path: Path) -> list[_TomlSource]:
@@ -282,18 +282,18 @@ def _located_error(sources: list[_TomlSource], issues: list[Issue]) -> ProfileEr
     return profile_error(located)
 
 
-def _locate_issue(sources: list[_TomlSource], found: Issue) -> Diagnostic:
+def _locate_issue(sources: list[_TomlSource], fault: Issue) -> Diagnostic:
     for source in sources:
-        for path in (found.path, *found.related):
+        for path in (fault.path, *fault.related):
             if has_key(source.text, path):
-                return _diagnostic_in(source, replace(found, path=path))
-    return _diagnostic_in(max(sources, key=lambda source: _matching_depth(source, found)), found)
+                return _diagnostic_in(source, replace(fault, path=path))
+    return _diagnostic_in(max(sources, key=lambda source: _matching_depth(source, fault)), fault)
 
 
-def _diagnostic_in(source: _TomlSource, found: Issue) -> Diagnostic:
-    return to_diagnostic(found, str(source.path), line_of(source.text, found.path) or 1)
+def _diagnostic_in(source: _TomlSource, fault: Issue) -> Diagnostic:
+    return to_diagnostic(fault, str(source.path), line_of(source.text, fault.path) or 1)
 
 
-def _matching_depth(source: _TomlSource, found: Issue) -> int:
+def _matching_depth(source: _TomlSource, fault: Issue) -> int:
     """Return how many parts of the key path are in this file."""
-    return max((n for n in range(len(found.path) + 1) if has_key(source.text, found.path[:n])), default=0)
+    return max((n for n in range(len(fault.path) + 1) if has_key(source.text, fault.path[:n])), default=0)

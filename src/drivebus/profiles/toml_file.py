@@ -58,9 +58,9 @@ _SYNTAX_FAULTS = (
 class TomlFault(Exception):
     """Text that is no TOML file of a known format."""
 
-    def __init__(self, found: Issue, line: int | None) -> None:
-        super().__init__(found.kind)
-        self.issue = found
+    def __init__(self, fault: Issue, line: int | None) -> None:
+        super().__init__(fault.kind)
+        self.issue = fault
         self.line = line
 
 

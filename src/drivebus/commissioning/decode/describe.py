@@ -65,14 +65,10 @@ def alternative_fields(description: FrameDescription) -> Mapping[str, Any] | Non
     """Return the second interpretation of ambiguous bytes (Sunfar hex data); None where they are not ambiguous."""
     if not any(key.endswith(".ambiguous") for key, _ in description.errata):
         return None
-    return next(
-        (
-            interpretation.fields
-            for interpretation in description.interpretations
-            if interpretation.note[0].endswith(".nibbles")
-        ),
-        None,
-    )
+    for interpretation in description.interpretations:
+        if interpretation.note[0].endswith(".nibbles"):
+            return interpretation.fields
+    return None
 
 
 def _choose_encoding(profile: DriveProfile, data: bytes, wanted: str | None) -> str:
@@ -87,11 +83,11 @@ def _choose_encoding(profile: DriveProfile, data: bytes, wanted: str | None) -> 
     return wanted
 
 
-def _check_direction(wanted: str | None) -> FrameDirection | None:
-    if wanted is None:
+def _check_direction(direction: str | None) -> FrameDirection | None:
+    if direction is None:
         return None
-    if wanted == "request":
+    if direction == "request":
         return "request"
-    if wanted == "response":
+    if direction == "response":
         return "response"
-    raise ConfigurationError("explain.direction", found=wanted, expected=("request", "response"))
+    raise ConfigurationError("explain.direction", found=direction, expected=("request", "response"))

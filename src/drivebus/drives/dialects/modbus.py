@@ -261,8 +261,8 @@ class ModbusDialect(Dialect):
                 wanted[span] = min(wanted.get(span, signal.period_s), signal.period_s)
         return self._merged_reads(wanted)
 
-    def _merged_reads(self, wanted: dict[Span, float]) -> tuple[tuple[ReadRequest, float], ...]:
-        merged = merge_reads(wanted, self._features, self._sync_span)
+    def _merged_reads(self, periods: dict[Span, float]) -> tuple[tuple[ReadRequest, float], ...]:
+        merged = merge_reads(periods, self._features, self._sync_span)
         return tuple((span.request(self.address), period) for span, period in merged)
 
     def decode_readings(self, request: Any, reply: Any, at: float | None) -> Readings:

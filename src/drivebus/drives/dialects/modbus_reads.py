@@ -103,7 +103,7 @@ def split_words(number: int, count: int, features: ModbusFeatures) -> tuple[int,
 
 
 def merge_reads(
-    wanted: Mapping[Span, float], features: ModbusFeatures, sync: Span | None
+    periods: Mapping[Span, float], features: ModbusFeatures, sync: Span | None
 ) -> tuple[tuple[Span, float], ...]:
     """Merge touching spans of a space into reads within the model's limit, at the shortest period of each run.
 
@@ -111,7 +111,7 @@ def merge_reads(
     """
     runs: list[tuple[Span, float]] = []
     needed: dict[Span, float] = {}
-    for span, period in wanted.items():
+    for span, period in periods.items():
         whole = whole_span(span, features)
         needed[whole] = min(needed.get(whole, period), period)
     for span, period in sorted(needed.items()):

@@ -75,11 +75,11 @@ def _is_described(parameter: Parameter, raw: int) -> bool:
     return not parameter.choices or raw in parameter.choices or parameter.maximum is not None
 
 
-def undescribed_note(wanted: CheckedWrite) -> str | None:
+def undescribed_note(write: CheckedWrite) -> str | None:
     """Return the message key of a caution where the manual does not describe a value that it does not exclude."""
-    factory = wanted.parameter.factory
-    is_factory = factory is not None and wanted.value == factory
-    return None if is_factory or _is_described(wanted.parameter, wanted.raw) else "drives.parameter_undescribed"
+    factory = write.parameter.factory
+    is_factory = factory is not None and write.value == factory
+    return None if is_factory or _is_described(write.parameter, write.raw) else "drives.parameter_undescribed"
 
 
 def number_of(dialect: Dialect, parameter: Parameter, raw: int) -> float | None:
@@ -97,44 +97,44 @@ def display_value(parameter: Parameter, value: float | str, number: float) -> fl
     return f"{int(number):04d}" if parameter.scale.coding == "bcd" else int(number)
 
 
-def confirmation_needed(dialect: Dialect, wanted: CheckedWrite) -> ConfirmationRequired | None:
+def confirmation_needed(dialect: Dialect, write: CheckedWrite) -> ConfirmationRequired | None:
     """Return why the user must confirm a write.
 
     It may move the motor, the drive may not be reached after it, or the bus no longer controls the drive.
     """
-    params = {"notation": wanted.parameter.notation, "value": wanted.value}
-    if not may_become_unreachable(dialect, wanted):
-        if may_move(dialect, wanted):
+    params = {"notation": write.parameter.notation, "value": write.value}
+    if not may_become_unreachable(dialect, write):
+        if may_move(dialect, write):
             return ConfirmationRequired("drives.confirm_inputs", **params)
-        needed = _bus_control_values(dialect, wanted)
+        needed = _bus_control_values(dialect, write)
         return ConfirmationRequired("drives.confirm_source", **params, needed=needed) if needed is not None else None
-    if _role(dialect.profile, wanted.parameter) == "address":
-        return ConfirmationRequired("drives.confirm_address", **params, address=wanted.raw, present=dialect.address)
+    if _role(dialect.profile, write.parameter) == "address":
+        return ConfirmationRequired("drives.confirm_address", **params, address=write.raw, present=dialect.address)
     return ConfirmationRequired("drives.confirm_serial", **params)
 
 
-def may_become_unreachable(dialect: Dialect, wanted: CheckedWrite) -> bool:
+def may_become_unreachable(dialect: Dialect, write: CheckedWrite) -> bool:
     """Return whether the drive may reply at another address or with other serial settings after a write."""
-    role = _role(dialect.profile, wanted.parameter)
-    return role in SERIAL_ROLES or (role == "address" and wanted.raw != dialect.address)
+    role = _role(dialect.profile, write.parameter)
+    return role in SERIAL_ROLES or (role == "address" and write.raw != dialect.address)
 
 
-def _bus_control_values(dialect: Dialect, wanted: CheckedWrite) -> str | None:
+def _bus_control_values(dialect: Dialect, write: CheckedWrite) -> str | None:
     """Return the values with which the bus controls the drive; None unless this write sets such a parameter to another.
 
     Such a parameter is a precondition of the profile.
     """
-    parameter = wanted.parameter
+    parameter = write.parameter
     for precondition in dialect.profile.preconditions:
-        if precondition.notation == parameter.notation and wanted.raw not in precondition.accepted:
+        if precondition.notation == parameter.notation and write.raw not in precondition.accepted:
             numbers = [number_of(dialect, parameter, raw) for raw in precondition.accepted]
             return " / ".join(str(display_value(parameter, number, number)) for number in numbers if number is not None)
     return None
 
 
-def may_move(dialect: Dialect, wanted: CheckedWrite) -> bool:
+def may_move(dialect: Dialect, write: CheckedWrite) -> bool:
     """Return whether a write may start the motor, as one to an input terminal that is wired to "run"."""
-    frame = dialect.codec.encode_request(dialect.write_parameter(wanted.parameter, wanted.raw, False).request)
+    frame = dialect.codec.encode_request(dialect.write_parameter(write.parameter, write.raw, False).request)
     return dialect.station_config.effect_of(frame) is Effect.MOTION
 
 
@@ -152,10 +152,10 @@ def _check_no_command(profile: DriveProfile, entry: Parameter | Signal) -> None:
             raise CapabilityError(key, model=profile.model, notation=entry.notation)
 
 
-def _check_address(profile: DriveProfile, wanted: CheckedWrite) -> CheckedWrite:
+def _check_address(profile: DriveProfile, write: CheckedWrite) -> CheckedWrite:
     """Return a write unless it gives the drive an address at which no master reaches it. Raises LimitError."""
     low, high = profile.addresses
-    if _role(profile, wanted.parameter) == "address" and not low <= wanted.raw <= high:
-        key = "drives.write_broadcast" if wanted.raw in (0, profile.broadcast) else "drives.write_address"
-        raise LimitError(key, notation=wanted.parameter.notation, value=wanted.value, expected=f"{low}-{high}")
-    return wanted
+    if _role(profile, write.parameter) == "address" and not low <= write.raw <= high:
+        key = "drives.write_broadcast" if write.raw in (0, profile.broadcast) else "drives.write_address"
+        raise LimitError(key, notation=write.parameter.notation, value=write.value, expected=f"{low}-{high}")
+    return write

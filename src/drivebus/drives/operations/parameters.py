@@ -150,37 +150,37 @@ def _with_unsent(outcome: Outcome, unsent: list[CheckedWrite]) -> Outcome:
     return outcome
 
 
-def _message_params(wanted: CheckedWrite) -> dict[str, object]:
+def _message_params(write: CheckedWrite) -> dict[str, object]:
     """Return the message parameters of a write."""
-    unit = f" {wanted.parameter.unit}" if wanted.parameter.unit and not isinstance(wanted.value, str) else ""
-    return {"notation": wanted.parameter.notation, "value": wanted.value, "unit": unit}
+    unit = f" {write.parameter.unit}" if write.parameter.unit and not isinstance(write.value, str) else ""
+    return {"notation": write.parameter.notation, "value": write.value, "unit": unit}
 
 
-def _write_one(op: OperationContext, wanted: CheckedWrite, save: bool) -> DriveOperation[Outcome]:
-    notation, budget = wanted.parameter.notation, op.drive.eeprom_budget
-    params = _message_params(wanted)
-    held = (yield from read_raw_parameter(op, wanted.parameter)) if save and wanted.parameter.readable else None
+def _write_one(op: OperationContext, write: CheckedWrite, save: bool) -> DriveOperation[Outcome]:
+    notation, budget = write.parameter.notation, op.drive.eeprom_budget
+    params = _message_params(write)
+    held = (yield from read_raw_parameter(op, write.parameter)) if save and write.parameter.readable else None
     if save:
-        if held == wanted.raw and not budget.count(notation).ram_written:
+        if held == write.raw and not budget.count(notation).ram_written:
             return op.outcome(OutcomeStatus.CONFIRMED, "drives.write_skipped", **params)
         conditions = yield from op.check_deadline()
         yield from budget.consume(notation, conditions.day)
     else:
         yield from budget.mark_ram_only(notation)
-    if not wanted.parameter.readable:
+    if not write.parameter.readable:
         # the reply mirrors the write and no read follows: the probe shows that the port has no echo
         error = yield from op.sync()
         if error is not None:
             raise PreflightError("drives.not_written", why=error, **params) from error
     conditions = yield from op.check_deadline()
-    kind = CommandKind.INPUTS if may_move(op.dialect, wanted) else CommandKind.WRITE
+    kind = CommandKind.INPUTS if may_move(op.dialect, write) else CommandKind.WRITE
     command = op.create_command(kind, conditions)
-    result = yield from op.send_command(command, op.dialect.write_parameter(wanted.parameter, wanted.raw, save))
+    result = yield from op.send_command(command, op.dialect.write_parameter(write.parameter, write.raw, save))
     refused = op.rejected_outcome(result, **params)
     if refused is not None:
         return refused
-    outcome = yield from _read_back(op, wanted, result.error is None, params)
-    if held == wanted.raw and outcome.status is OutcomeStatus.CONFIRMED:
+    outcome = yield from _read_back(op, write, result.error is None, params)
+    if held == write.raw and outcome.status is OutcomeStatus.CONFIRMED:
         # RAM held the value before it was saved: reading it back proves nothing about the EEPROM
         outcome = op.unverifiable_outcome(
             result.error is None, "drives.save_acknowledged", "drives.save_unknown", **params
@@ -192,10 +192,10 @@ def _write_one(op: OperationContext, wanted: CheckedWrite, save: bool) -> DriveO
 
 
 def _read_back(
-    op: OperationContext, wanted: CheckedWrite, answered: bool, params: dict[str, object]
+    op: OperationContext, write: CheckedWrite, answered: bool, params: dict[str, object]
 ) -> DriveOperation[Outcome]:
     """Read the value back behind a sync probe, by another request than the write, whose echo proves nothing."""
-    if not wanted.parameter.readable:
+    if not write.parameter.readable:
         return op.unverifiable_outcome(answered, "drives.write_acknowledged", "drives.write_unanswered", **params)
     raw: int | None = None
     error: DrivebusError | None = None
@@ -203,12 +203,12 @@ def _read_back(
         if attempt:
             yield from wait(READ_BACK_PAUSE_S)
         try:
-            raw, error = (yield from _synced_raw(op, wanted.parameter)), None
+            raw, error = (yield from _synced_raw(op, write.parameter)), None
         except PreflightError as silent:
             error = silent
-        if raw == wanted.raw and error is None:
+        if raw == write.raw and error is None:
             return op.outcome(OutcomeStatus.CONFIRMED, "drives.write_confirmed", **params)
-    if error is not None and answered and may_become_unreachable(op.dialect, wanted):
+    if error is not None and answered and may_become_unreachable(op.dialect, write):
         return op.outcome(OutcomeStatus.ACKNOWLEDGED, "drives.write_unreachable", **params)
     if op.port_error is not None:
         why = Text.per_language(op.port_error.text)
@@ -216,9 +216,9 @@ def _read_back(
     if error is not None or raw is None:
         why = bilingual_text("drives.read_refused") if error is None else error.params["problem"]
         return op.outcome(OutcomeStatus.UNKNOWN, "drives.write_unknown", why=why, **params)
-    number = number_of(op.dialect, wanted.parameter, raw)
-    is_word = number is None or isinstance(wanted.value, str)
-    found = f"{raw:04X}H" if is_word or number is None else display_value(wanted.parameter, number, number)
+    number = number_of(op.dialect, write.parameter, raw)
+    is_word = number is None or isinstance(write.value, str)
+    found = f"{raw:04X}H" if is_word or number is None else display_value(write.parameter, number, number)
     return op.outcome(OutcomeStatus.FAILED, "drives.write_differs", found=found, **params)
 
 

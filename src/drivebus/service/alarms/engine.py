@@ -94,7 +94,7 @@ class AlarmEngine:
         settings: Sequence[AlarmConfig],
         drives: Sequence[DriveConfig],
         record: Callable[[Alarm], None],
-        known: Iterable[Alarm] = (),
+        alarms: Iterable[Alarm] = (),
         *,
         first_number: int = 1,
         now: float = 0.0,
@@ -108,7 +108,7 @@ class AlarmEngine:
         self._shelves = AlarmShelf()
         self._conditions: dict[str, list[AlarmCondition]] = {}
         self._titles: dict[str, Text] = {}
-        for alarm in known:
+        for alarm in alarms:
             self._restore(alarm, now, now_ms)
         self.configure(settings, drives, now_ms)
 

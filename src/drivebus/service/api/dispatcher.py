@@ -193,12 +193,12 @@ class Dispatcher:
 
     # --- audit records ---------------------------------------------------------------------------------------------
 
-    async def record(self, found: Json, actor: Actor) -> None:
+    async def record(self, event: Json, actor: Actor) -> None:
         """Record an event that is no operation: ``what``, ``target``, ``params``, ``outcome``.
 
         Raises AuditUnavailable.
         """
-        entry = AuditEntry.from_json(found, actor)
+        entry = AuditEntry.from_json(event, actor)
         try:
             await self._record(entry)
         except AuditUnavailable:
@@ -274,10 +274,10 @@ def _failed_entry(entry: AuditEntry, error: BaseException) -> AuditEntry:
     )
 
 
-def _completed_entry(entry: AuditEntry, found: Json) -> AuditEntry:
+def _completed_entry(entry: AuditEntry, result: Json) -> AuditEntry:
     """Return the entry with the statuses and frames of its outcomes, and with the status of each of several drives."""
-    by_drive = {**found.get("outcomes", {}), **found.get("followers", {})}
-    outcome = found.get("outcome")
+    by_drive = {**result.get("outcomes", {}), **result.get("followers", {})}
+    outcome = result.get("outcome")
     outcomes = [*([outcome] if outcome else ()), *by_drive.values()]
     statuses = {drive: _status_of(item) for drive, item in by_drive.items()}
     return replace(

@@ -73,17 +73,17 @@ def error_to_json(error: DrivebusError) -> Json:
     return build_error_json(error.key, type(error).__name__, error.params, found, error.may_be_running)
 
 
-def error_from_json(found: Json) -> DrivebusError:
+def error_from_json(data: Json) -> DrivebusError:
     """Return the error that ``error_to_json`` wrote; a class that is no error becomes ServiceError.
 
     Raises KeyError for an object that is no error.
     """
-    kind = getattr(errors, str(found["kind"]), ServiceError)
+    kind = getattr(errors, str(data["kind"]), ServiceError)
     kind = kind if isinstance(kind, type) and issubclass(kind, DrivebusError) else ServiceError
-    params = {name: _param_from_json(name, value) for name, value in found["params"].items()}
-    error: DrivebusError = kind(found["code"], **params)
-    error.outcome = found["outcome"]
-    error.may_be_running = found.get("may_be_running")  # a service of an older version does not state it
+    params = {name: _param_from_json(name, value) for name, value in data["params"].items()}
+    error: DrivebusError = kind(data["code"], **params)
+    error.outcome = data["outcome"]
+    error.may_be_running = data.get("may_be_running")  # a service of an older version does not state it
     return error
 
 

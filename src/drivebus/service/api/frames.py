@@ -59,10 +59,10 @@ def _decode(profile: DriveProfile, data: bytes, is_request: bool) -> Json:
     return {language: _describe(found, language) for language in i18n.LANGUAGES}
 
 
-def _describe(found: FrameDescription, language: str) -> str:
+def _describe(description: FrameDescription, language: str) -> str:
     """Return the fields, then the problems of a frame."""
-    fields = [_field_text(name, value, language) for name, value in found.fields.items()]
-    notes = [i18n.text(key, language, **params) for key, params in (*found.problems, *found.hazards)]
+    fields = [_field_text(name, value, language) for name, value in description.fields.items()]
+    notes = [i18n.text(key, language, **params) for key, params in (*description.problems, *description.hazards)]
     return i18n.join([i18n.join(fields, "phrases", language), *notes], "clauses", language)
 
 

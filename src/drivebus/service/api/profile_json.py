@@ -104,9 +104,9 @@ def reading_json(reading: Reading) -> Json:
     }
 
 
-def readings_json(profile: DriveProfile, found: Mapping[str, Reading]) -> Json:
+def readings_json(profile: DriveProfile, readings: Mapping[str, Reading]) -> Json:
     """Return readings by the names under which they were read, each with its wire address and its text."""
-    return {name: reading_json(one) | _entry_json(profile, name) for name, one in found.items()}
+    return {name: reading_json(one) | _entry_json(profile, name) for name, one in readings.items()}
 
 
 def _entry_json(profile: DriveProfile, name: str) -> Json:

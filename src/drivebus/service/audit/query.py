@@ -32,11 +32,11 @@ def subjects_of(body: Json) -> tuple[Any, ...]:
 
 
 def _matching(
-    paths: AuditPaths, below: int | None, wanted: Callable[[Json], bool]
+    paths: AuditPaths, below: int | None, matches: Callable[[Json], bool]
 ) -> Iterator[tuple[int, Callable[[], Json]]]:
     for line in _lines(paths, below):
         found = records.decode_record(line)
-        if found is not None and wanted(found.body):
+        if found is not None and matches(found.body):
             item = {"n": found.n, **found.body, "hash": found.hash}
             yield found.n, lambda item=item: item  # type: ignore[misc]
 

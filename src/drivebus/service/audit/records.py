@@ -59,11 +59,11 @@ class AuditEntry:
         return cls(what=what, who=actor.name, session=actor.session, address=actor.address, **more)
 
     @classmethod
-    def from_json(cls, found: Mapping[str, Any], actor: Actor) -> AuditEntry:
+    def from_json(cls, data: Mapping[str, Any], actor: Actor) -> AuditEntry:
         """Return the entry of ``actor`` that another process sent. Unknown members become parameters."""
-        own = {name: found[name] for name in cls.__dataclass_fields__ if found.get(name) is not None}
+        own = {name: data[name] for name in cls.__dataclass_fields__ if data.get(name) is not None}
         params = own.pop("params", {})
-        more = {name: value for name, value in found.items() if name not in cls.__dataclass_fields__}
+        more = {name: value for name, value in data.items() if name not in cls.__dataclass_fields__}
         identity = {"who": actor.name, "session": actor.session, "address": actor.address}
         whole = {**(params if isinstance(params, Mapping) else {"params": params}), **more}
         return cls(**{"what": "", **own, **identity}, params=whole)

@@ -45,10 +45,10 @@ class Actor:
         }
 
     @classmethod
-    def from_json(cls, found: dict[str, Any]) -> Actor:
+    def from_json(cls, data: dict[str, Any]) -> Actor:
         """Return the actor of its JSON form. Raises KeyError, ValueError for anything else."""
-        rights = frozenset(Right(right) for right in found["rights"])
-        return cls(str(found["name"]), rights, str(found["session"]), bool(found["remote"]), str(found["address"]))
+        rights = frozenset(Right(right) for right in data["rights"])
+        return cls(str(data["name"]), rights, str(data["session"]), bool(data["remote"]), str(data["address"]))
 
 
 def local_user() -> str:

@@ -110,10 +110,10 @@ def drive_issues(parsed: ParsedPlant) -> Iterator[Issue | Diagnostic]:
             yield from _check_drive(parsed, id, drive, parsed.profiles[id])
 
 
-def suggestions(name: str, known: list[str]) -> dict[str, Any]:
+def suggestions(name: str, choices: list[str]) -> dict[str, Any]:
     """Return the parameters of an issue about an unknown name: known names and similar ones."""
-    close = nearest_names(name, known) or get_close_matches(name, known, 1, 0.0)
-    return {"known": tuple(known) or "-", "near": tuple(close) or "-"}
+    close = nearest_names(name, choices) or get_close_matches(name, choices, 1, 0.0)
+    return {"known": tuple(choices) or "-", "near": tuple(close) or "-"}
 
 
 def _check_profile(parsed: ParsedPlant, id: str, drive: DriveTable) -> Iterator[Issue | Diagnostic]:

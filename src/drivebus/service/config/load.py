@@ -80,8 +80,8 @@ def config_error(diagnostics: Sequence[Diagnostic]) -> ConfigurationError:
     return ConfigurationError("plant_config.refused", **error_params(diagnostics))
 
 
-def _single_error(source: str, found: Issue, line: int | None) -> ConfigurationError:
-    return config_error([to_diagnostic(found, source, line, CATALOGUE)])
+def _single_error(source: str, fault: Issue, line: int | None) -> ConfigurationError:
+    return config_error([to_diagnostic(fault, source, line, CATALOGUE)])
 
 
 def _parse(
@@ -147,10 +147,10 @@ def _name_gateways(fault: Issue) -> Issue:
     return fault
 
 
-def _is_consequence(one: Issue, faults: Sequence[Issue]) -> bool:
+def _is_consequence(missing: Issue, faults: Sequence[Issue]) -> bool:
     """Return whether a missing key is the consequence of a faulty key of its table that was removed."""
-    table = one.path[:-1]
-    return one.kind == "missing_key" and any(fault.path[: len(table)] == table for fault in faults)
+    table = missing.path[:-1]
+    return missing.kind == "missing_key" and any(fault.path[: len(table)] == table for fault in faults)
 
 
 def _remove_key(data: Any, path: Sequence[str | int]) -> None:
@@ -164,20 +164,22 @@ def _remove_key(data: Any, path: Sequence[str | int]) -> None:
         data = inner
 
 
-def _with_lines(found: Sequence[Issue | Diagnostic], text: str, source: str) -> list[Diagnostic]:
+def _with_lines(unlocated: Sequence[Issue | Diagnostic], text: str, source: str) -> list[Diagnostic]:
     """Return diagnostics with the line of their key, or of the nearest table above it."""
     lines: dict[tuple[str, ...], int] = {}
     for path, line in iter_keys(text):
         for depth in range(1, len(path) + 1):
             lines.setdefault(path[:depth], line)
-    diagnostics = [fault if isinstance(fault, Diagnostic) else _diagnostic_at(fault, lines, source) for fault in found]
+    diagnostics = [
+        fault if isinstance(fault, Diagnostic) else _diagnostic_at(fault, lines, source) for fault in unlocated
+    ]
     return sorted(diagnostics, key=lambda fault: (fault.file != source, fault.line or 0))[:MAX_DIAGNOSTICS]
 
 
-def _diagnostic_at(found: Issue, lines: Mapping[tuple[str, ...], int], source: str) -> Diagnostic:
-    path = tuple(str(part) for part in found.path)
+def _diagnostic_at(fault: Issue, lines: Mapping[tuple[str, ...], int], source: str) -> Diagnostic:
+    path = tuple(str(part) for part in fault.path)
     line = next((lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in lines), 1)
-    return to_diagnostic(found, source, line, CATALOGUE)
+    return to_diagnostic(fault, source, line, CATALOGUE)
 
 
 _PLANT_TABLE = re.compile(r"^[ \t]*\[[ \t]*plant[ \t]*\][^\n]*\n(.*?)(?=^[ \t]*\[|\Z)", re.MULTILINE | re.DOTALL)

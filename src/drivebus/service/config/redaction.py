@@ -40,9 +40,12 @@ def redact_text(text: str, source: str) -> str:
     return found
 
 
-def restore_url(shown: str | None, url: str | None) -> str | None:
-    """Return ``url`` where ``shown`` is its redacted form, else ``shown``. Only for a value that is not shown again."""
-    return url if url is not None and shown == redact_url(url) else shown
+def restore_url(redacted: str | None, url: str | None) -> str | None:
+    """Return ``url`` where ``redacted`` is its redacted form, else ``redacted``.
+
+    For values that are not shown again.
+    """
+    return url if url is not None and redacted == redact_url(url) else redacted
 
 
 def _may_show_password(line: str, redacted: str) -> bool:

@@ -110,10 +110,10 @@ def id_from_title(text: str, otherwise: str) -> str:
     return found or otherwise
 
 
-def unique_id(wanted: str, taken: Iterable[str]) -> str:
-    """Return ``wanted``, with a number appended if it is taken."""
+def unique_id(preferred: str, taken: Iterable[str]) -> str:
+    """Return ``preferred``, with a number appended if it is taken."""
     known = set(taken)
-    tries: Sequence[str] = [wanted, *(f"{wanted}-{number}" for number in range(2, len(known) + 3))]
+    tries: Sequence[str] = [preferred, *(f"{preferred}-{number}" for number in range(2, len(known) + 3))]
     return next(one for one in tries if one not in known)
 
 

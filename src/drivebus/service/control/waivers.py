@@ -26,9 +26,9 @@ class CommLossWaiver:
         return cls(text, drive.model, bus.port, drive.address)
 
     @classmethod
-    def from_json(cls, found: str | None) -> CommLossWaiver | None:
+    def from_json(cls, text: str | None) -> CommLossWaiver | None:
         """Return a stored waiver, None where there is none. A bare text applies to no drive."""
-        read = json.loads(found) if found else None
+        read = json.loads(text) if text else None
         return None if read is None else cls(**read) if isinstance(read, Mapping) else cls(str(read))
 
     def to_json(self) -> str:

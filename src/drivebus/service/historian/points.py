@@ -279,8 +279,8 @@ def coarsest_covering(
     return chosen, found
 
 
-def _first_time(found: Mapping[str, Points], to_ms: int) -> int:
-    return min((points.time[0] for points in found.values() if len(points)), default=to_ms)
+def _first_time(by_tag: Mapping[str, Points], to_ms: int) -> int:
+    return min((points.time[0] for points in by_tag.values() if len(points)), default=to_ms)
 
 
 def downsample(points: Points, level: ResolutionLevel, from_ms: int, to_ms: int, max_points: int) -> Points:

@@ -135,14 +135,14 @@ def _naming_damaged_row(row: Block) -> Iterator[None]:
 
 
 def _with_samples_in_range(
-    found: NumberedSamples, first: int, samples: SampleColumns, from_ms: int, to_ms: int
+    earlier: NumberedSamples, first: int, samples: SampleColumns, from_ms: int, to_ms: int
 ) -> NumberedSamples:
-    """Return ``found`` with the samples of a time range after its own; ``first``: number of the first of them."""
+    """Return ``earlier`` with the samples of a time range after its own; ``first``: number of the first of them."""
     time, value, quality = samples
-    times, values, qualities = found.samples
+    times, values, qualities = earlier.samples
     wanted = [n for n, moment in enumerate(time) if from_ms <= moment <= to_ms]
     return NumberedSamples(
-        found.number + [first + n for n in wanted],
+        earlier.number + [first + n for n in wanted],
         (
             [*times, *(time[n] for n in wanted)],
             [*values, *(value[n] for n in wanted)],

@@ -95,24 +95,24 @@ class _ClientConnection:
             with contextlib.suppress(OSError):
                 await self._writer.wait_closed()
 
-    def _handle(self, found: Json) -> None:
-        id = found["id"]
-        if found.get("ping"):
+    def _handle(self, message: Json) -> None:
+        id = message["id"]
+        if message.get("ping"):
             self._writer.write(COMPACT_ENCODER.encode({"id": id, "result": {}}).encode() + b"\n")
             return
-        if found.get("end"):
+        if message.get("end"):
             if (running := self._ending_tasks.get(id)) is not None:
                 running.cancel()
             return
-        actor = Actor.from_json(found["actor"])
-        if "live" in found:
-            task = asyncio.create_task(self._live(id, str(found["live"]), actor), name=f"live {id}")
+        actor = Actor.from_json(message["actor"])
+        if "live" in message:
+            task = asyncio.create_task(self._live(id, str(message["live"]), actor), name=f"live {id}")
             self._end_with_client(id, task)
         else:
-            task = asyncio.create_task(self._answer(id, self._dispatch(found, actor)), name=f"request {id}")
+            task = asyncio.create_task(self._answer(id, self._dispatch(message, actor)), name=f"request {id}")
             self._request_tasks.add(task)
             task.add_done_callback(self._request_tasks.discard)
-            operation = OPERATIONS.get(str(found.get("op")))
+            operation = OPERATIONS.get(str(message.get("op")))
             if operation is not None and operation.cancellable:
                 self._end_with_client(id, task)
 
@@ -120,13 +120,13 @@ class _ClientConnection:
         self._ending_tasks[id] = task
         task.add_done_callback(lambda _: self._ending_tasks.pop(id, None))
 
-    def _dispatch(self, found: Json, actor: Actor) -> Awaitable[Json]:
-        if "record" in found:
-            return self._record(found["record"], actor)
-        operation = str(found["op"])
+    def _dispatch(self, message: Json, actor: Actor) -> Awaitable[Json]:
+        if "record" in message:
+            return self._record(message["record"], actor)
+        operation = str(message["op"])
         if len(self._request_tasks) >= MAX_CONCURRENT_REQUESTS and not _is_stop(operation):
             return _too_busy()
-        return self._call(operation, found.get("params") or {}, actor)
+        return self._call(operation, message.get("params") or {}, actor)
 
     async def _call(self, operation: str, params: Json, actor: Actor) -> Json:
         known = OPERATIONS.get(operation)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from importlib.metadata import version
-from typing import Any
 
+from drivebus.bus.statistics import StationStatistics
 from drivebus.drives.state import DriveStatus
 from drivebus.errors import DrivebusError
 from drivebus.service.api.errors import error_to_json, localized
@@ -143,18 +143,18 @@ def bus_view(bus_runtime: BusRuntime) -> Json:
     }
 
 
-def _station_json(runtime: DriveRuntime, found: Any) -> Json:
+def _station_json(runtime: DriveRuntime, station: StationStatistics) -> Json:
     return {
         "address": runtime.config.address,
         "drive": runtime.id,
         "presence": str(runtime.bus.presence(runtime.config.address)),
         "refresh_s": max((poll.period_s for poll in runtime.polls), default=None),
-        "error_rate": round(found.error_rate, 4),
-        "reply_p50_s": found.reply_p50_s,
-        "reply_p95_s": found.reply_p95_s,
-        "errors": dict(found.errors),
-        "counters": dict(found.counters),
-        "load_percent": round(found.load_percent, 2),
+        "error_rate": round(station.error_rate, 4),
+        "reply_p50_s": station.reply_p50_s,
+        "reply_p95_s": station.reply_p95_s,
+        "errors": dict(station.errors),
+        "counters": dict(station.counters),
+        "load_percent": round(station.load_percent, 2),
     }
 
 

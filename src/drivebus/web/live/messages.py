@@ -58,15 +58,15 @@ def parse_interval(text: str | None) -> float:
     return max(MIN_INTERVAL_S, round(float(text) * 20) / 20)
 
 
-def _limited_list(found: object, most: int) -> list[str]:
-    if not isinstance(found, list) or len(found) > most:
+def _limited_list(value: object, most: int) -> list[str]:
+    if not isinstance(value, list) or len(value) > most:
         raise ValueError("a list")
-    return found
+    return value
 
 
-def _all_matching(wanted: re.Pattern[str], words: Iterable[object]) -> tuple[str, ...]:
+def _all_matching(pattern: re.Pattern[str], words: Iterable[object]) -> tuple[str, ...]:
     chosen = tuple(words)
-    if not all(isinstance(word, str) and wanted.fullmatch(word) for word in chosen):
+    if not all(isinstance(word, str) and pattern.fullmatch(word) for word in chosen):
         raise ValueError(str(chosen)[:100])
     return chosen  # type: ignore[return-value]
 
