@@ -78,7 +78,7 @@ def events(kit: ServiceKit) -> list[str]:
 
 def has_sentence(kit: ServiceKit, key: str, found: Json) -> bool:
     """Return whether the newest event and the view of the fan state its test by this sentence."""
-    record = kit.service.plant.drives["fan-1"].comm_loss_record
+    record = kit.service.plant.drives["fan-1"].comm_loss.record
     assert record is not None
     sentence = i18n.text(key, **record.message_params)
     return events(kit)[-1] == sentence == found["text"]["en"]
@@ -154,7 +154,7 @@ def test_a_tested_stop_without_a_fault_counts_and_a_drive_that_the_profile_trust
             rule = replace(dialect.profile.comm_loss, trips_values=(0,))
             dialect.profile = replace(dialect.profile, comm_loss=rule)
             set_keypad(kit, 0, 3.0)
-            kit.service.plant.drives["fan-1"].invalidate_comm_loss()
+            kit.service.plant.drives["fan-1"].comm_loss.invalidate()
             await asyncio.sleep(5)
             assert (await comm_loss(kit))["kind"] == "trips", "as the profile says"
             await run_comm_loss_test(kit)
@@ -337,7 +337,7 @@ def test_a_changed_parameter_voids_the_test_until_it_reads_as_before() -> None:
             with pytest.raises(WaiverRequired) as blocked:
                 await start(kit)
             runtime = kit.service.plant.drives["fan-1"]
-            params = {"why": runtime.comm_loss.text} | runtime.comm_loss_record.message_params  # type: ignore[union-attr]
+            params = {"why": runtime.comm_loss.view.text} | runtime.comm_loss.record.message_params  # type: ignore[union-attr]
             assert blocked.value.params["why"] == bilingual_text("plant.comm_loss_test_outdated", **params)
             await change(kit, 50.0)
             await start(kit)

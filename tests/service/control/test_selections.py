@@ -65,11 +65,11 @@ def test_waivers_of_a_selection_leave_drives_alone_that_need_none_or_have_one() 
             await asyncio.sleep(2)
             await kit.call("waiver.grant", drive="fan-1", reason="its own")
             trips = kit.service.plant.drives["pump-1"]
-            trips.comm_loss_read = type(trips.comm_loss_read)(kind="trips", after_s=1.0, text=Text("", ""))
+            trips.comm_loss.last_read = type(trips.comm_loss.last_read)(kind="trips", after_s=1.0, text=Text("", ""))
             found = (await kit.call("waivers.grant", ENGINEER, all=True, reason="hard-wired stop"))["outcomes"]
             done = {id for id, one in found.items() if one["status"] == "done"}
             assert done == {"fan-2", "pump-2"} and found["fan-1"] == {"status": "unchanged"}
-            waivers = {runtime.id: runtime.waiver for runtime in kit.service.plant.drives.values()}
+            waivers = {runtime.id: runtime.comm_loss.waiver for runtime in kit.service.plant.drives.values()}
             assert waivers == {
                 "fan-1": "its own (tester)",
                 "fan-2": "hard-wired stop (eve)",
@@ -92,6 +92,6 @@ def test_an_empty_selection_and_an_unknown_drive_change_nothing() -> None:
             with pytest.raises(DrivebusError) as denied:
                 await kit.call("waivers.grant", ANN, all=True, reason="because")
             assert denied.value.key == "plant.forbidden"
-            assert kit.service.plant.drives["fan-1"].waiver is None
+            assert kit.service.plant.drives["fan-1"].comm_loss.waiver is None
 
     run(scenario())

@@ -42,7 +42,7 @@ def unhealthy(**health: Any) -> Callable[[ServiceKit], None]:
 
 
 def unwaived(kit: ServiceKit) -> None:
-    kit.service.plant.drives["fan-1"].waiver = None
+    kit.service.plant.drives["fan-1"].comm_loss.waiver = None
 
 
 def without_limits(kit: ServiceKit) -> None:
@@ -91,7 +91,7 @@ def blocker_keys(kit: ServiceKit, id: str = "fan-1") -> list[str]:
 def test_each_start_blocker_alone_rejects_a_start(key: str) -> None:
     async def scenario() -> None:
         async with running_service() as kit:
-            kit.service.plant.drives["fan-1"].waiver = "tested (ann)"
+            kit.service.plant.drives["fan-1"].comm_loss.waiver = "tested (ann)"
             assert blocker_keys(kit) == []
             BLOCKERS[key](kit)
             assert blocker_keys(kit) == [key]
@@ -154,7 +154,7 @@ def test_only_a_drive_that_trips_starts_without_a_waiver(kind: str, may: bool) -
     async def scenario() -> None:
         async with running_service() as kit:
             drive = kit.service.plant.drives["fan-1"]
-            drive.comm_loss_read, drive.comm_loss_stale = (
+            drive.comm_loss.last_read, drive.comm_loss.is_stale = (
                 CommLossView(kind=kind, after_s=1.0, text=Text("why", "原因")),
                 False,
             )
@@ -166,7 +166,7 @@ def test_only_a_drive_that_trips_starts_without_a_waiver(kind: str, may: bool) -
 def test_a_waiver_of_another_drive_is_named() -> None:
     async def scenario() -> None:
         async with running_service() as kit:
-            kit.service.plant.drives["fan-1"].waiver_of_another = CommLossWaiver(
+            kit.service.plant.drives["fan-1"].comm_loss.waiver_of_another = CommLossWaiver(
                 "tested (ann)", "c300", "sim://c300@1", 7
             )
             assert blocker_keys(kit) == ["plant.waiver_of_another"]
@@ -192,9 +192,9 @@ def test_only_a_test_that_still_holds_makes_another_one_useless(
         async with running_service() as kit:
             unwaived(kit)
             drive = kit.service.plant.drives["fan-1"]
-            drive.comm_loss_read = CommLossView(kind="unknown", after_s=None, text=Text("why", "原因"))
-            drive.comm_loss_read_at, drive.comm_loss_stale, drive.comm_loss_values = 0.0, read is None, read or {}
-            drive.comm_loss_record = CommLossRecord(
+            drive.comm_loss.last_read = CommLossView(kind="unknown", after_s=None, text=Text("why", "原因"))
+            drive.comm_loss.read_at, drive.comm_loss.is_stale, drive.comm_loss.values = 0.0, read is None, read or {}
+            drive.comm_loss.record = CommLossRecord(
                 result=CommLossResult.RUNS_ON,
                 silence_s=20.0,
                 time_ms=0,
@@ -207,7 +207,7 @@ def test_only_a_test_that_still_holds_makes_another_one_useless(
             )
             assert blocker_keys(kit) == [key]
             (error,) = start_blockers(kit.service.plant, drive)
-            text, params = drive.comm_loss.text, drive.comm_loss_record.message_params
+            text, params = drive.comm_loss.view.text, drive.comm_loss.record.message_params
             outdated = bilingual_text("plant.comm_loss_test_outdated", **{"why": text} | params)
             assert error.params["why"] == (outdated if is_outdated else text)
 

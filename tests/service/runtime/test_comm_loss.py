@@ -11,7 +11,7 @@ from drivebus.errors import WaiverRequired
 from drivebus.service.api.errors import localized
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import BusConfig, DriveConfig
-from drivebus.service.runtime.drive import COMM_LOSS_NOT_READ
+from drivebus.service.runtime.comm_loss import COMM_LOSS_NOT_READ
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.values import Text
@@ -61,7 +61,7 @@ def test_after_a_write_the_behaviour_is_unknown_and_blocks_starts_until_it_is_re
             await configure_trip(kit)
             await write(kit, **{"F9.4": 0.0})
             assert await comm_loss_kind(kit) == "unknown"
-            assert kit.service.plant.drives["fan-1"].comm_loss.text == COMM_LOSS_NOT_READ
+            assert kit.service.plant.drives["fan-1"].comm_loss.view.text == COMM_LOSS_NOT_READ
             await kit.call("lease.release", ENGINEER, drive="fan-1")
             with pytest.raises(WaiverRequired):
                 await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
@@ -80,16 +80,16 @@ def test_a_read_that_began_before_a_write_ended_is_discarded(during: bool) -> No
         async with running_service() as kit:
             await configure_trip(kit)
             drive = kit.service.plant.drives["fan-1"]
-            writes, report = drive.comm_loss_writes, await drive.drive.comm_loss_behaviour()
+            writes, report = drive.comm_loss.write_count, await drive.drive.comm_loss_behaviour()
             change = asyncio.create_task(write(kit, **{"F9.4": 0.0}))
             await asyncio.sleep(0.01)
             if not during:
                 await change
-            drive.set_comm_loss(report, kit.service.plant.now(), writes)
+            drive.comm_loss.set_read(report, drive.profile.comm_loss, kit.service.plant.now(), writes)
             assert await comm_loss_kind(kit) == "unknown"
-            during_write = drive.comm_loss_writes
+            during_write = drive.comm_loss.write_count
             await change
-            drive.set_comm_loss(report, kit.service.plant.now(), during_write)
+            drive.comm_loss.set_read(report, drive.profile.comm_loss, kit.service.plant.now(), during_write)
             assert await comm_loss_kind(kit) == ("unknown" if during else "trips")
 
     run(scenario())

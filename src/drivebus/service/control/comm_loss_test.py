@@ -75,16 +75,16 @@ class CommLossTests:
     async def start(self, params: CommLossTestParams, actor: Actor, ticket: CommandTicket) -> Json:
         """Start the drive, and the test after it. A missing waiver is the only start blocker that does not count."""
         runtime = self.commands.require_control(params.drive, actor)
-        if runtime.comm_loss_test is not None:
+        if runtime.comm_loss.test is not None:
             raise ServiceError("plant.comm_loss_testing", drive=runtime.id)
-        runtime.comm_loss_test, runtime.comm_loss_no_result = CommLossTestObject("starting", None), None
+        runtime.comm_loss.test, runtime.comm_loss.no_result = CommLossTestObject("starting", None), None
         try:
             await self._read_parameters(runtime)
             silence_s = params.silence_s or default_silence_s(runtime)
             test = ActiveTest(runtime, actor, ticket, silence_s, asyncio.Event())
             answer = await self._start_drive(test, params)
         except BaseException:
-            runtime.comm_loss_test = None
+            runtime.comm_loss.test = None
             raise
         task = asyncio.create_task(self._run(test), name=f"communication-loss test {runtime.id}")
         self._active[runtime.id] = test, task
@@ -117,7 +117,7 @@ class CommLossTests:
     async def discard(self, params: DriveParams, actor: Actor) -> Json:
         runtime = self.plant.drive_runtime(params.drive)
         await asyncio.to_thread(self.plant.store.put, record_key(runtime.id), "")
-        runtime.comm_loss_record = None
+        runtime.comm_loss.record = None
         self.plant.publish_event("waiver", runtime.id, "plant.comm_loss_discarded", actor=actor.name)
         return {}
 
@@ -131,12 +131,12 @@ class CommLossTests:
 
     async def _read_parameters(self, runtime: DriveRuntime) -> Mapping[str, int]:
         """Read the communication-loss parameters, which may have been changed at the keypad. Raises ServiceError."""
-        writes = runtime.comm_loss_writes
+        writes = runtime.comm_loss.write_count
         report = await runtime.drive.comm_loss_behaviour()
-        runtime.set_comm_loss(report, self.plant.now(), writes)
-        if runtime.comm_loss_parameters is None or report.key == "drives.comm_loss_unread":
+        runtime.comm_loss.set_read(report, runtime.profile.comm_loss, self.plant.now(), writes)
+        if runtime.comm_loss.present_values is None or report.key == "drives.comm_loss_unread":
             raise ServiceError("plant.comm_loss_parameters_not_read", drive=runtime.id)
-        return runtime.comm_loss_parameters
+        return runtime.comm_loss.present_values
 
     # --- the test -----------------------------------------------------------------------------------------------
 
@@ -146,10 +146,10 @@ class CommLossTests:
         try:
             await self._record(test, await self._observe_and_stop(test))
         except DrivebusError as error:
-            runtime.comm_loss_no_result = localized("plant.comm_loss_void", {"why": error})
-            self.plant.publish_event_text("waiver", runtime.id, runtime.comm_loss_no_result, test.actor.name, None)
+            runtime.comm_loss.no_result = localized("plant.comm_loss_void", {"why": error})
+            self.plant.publish_event_text("waiver", runtime.id, runtime.comm_loss.no_result, test.actor.name, None)
         finally:
-            runtime.comm_loss_test = None
+            runtime.comm_loss.test = None
             self._active.pop(runtime.id, None)
 
     async def _observe_and_stop(self, test: ActiveTest) -> CommLossRecord:
@@ -186,7 +186,7 @@ class CommLossTests:
         if silent_since is None:
             raise ServiceError("plant.comm_loss_not_turning", drive=runtime.id)
         was_whole = await self._keep_silent(test, silent_since)
-        runtime.comm_loss_test = CommLossTestObject("reading", None)
+        runtime.comm_loss.test = CommLossTestObject("reading", None)
         first, status = await self._read(test)
         silence_s = (first.at or silent_since) - silent_since
         result = _result_of(first, status)
@@ -214,7 +214,7 @@ class CommLossTests:
     async def _wait_until_turning(self, test: ActiveTest) -> None:
         """Wait until the drive has reported a steady run for a while."""
         runtime, now = test.runtime, self.plant.now
-        runtime.comm_loss_test = CommLossTestObject("turning", None)
+        runtime.comm_loss.test = CommLossTestObject("turning", None)
         steady_since, off_since, timeout = None, None, now() + ACCELERATION_TIMEOUT_S
         while steady_since is None or now() - steady_since < TURNING_TIME_S:
             await asyncio.sleep(CHECK_INTERVAL_S)
@@ -232,7 +232,7 @@ class CommLossTests:
         runtime, address = test.runtime, test.runtime.config.address
         ends_at = silent_since + test.silence_s
         until_ms = self.plant.wall_ms() + round((ends_at - self.plant.now()) * 1000)
-        runtime.comm_loss_test = CommLossTestObject("silent", until_ms)
+        runtime.comm_loss.test = CommLossTestObject("silent", until_ms)
         sent = runtime.bus.statistics().stations[address].transactions
         while self.plant.now() < ends_at and not test.read_now.is_set():
             await asyncio.sleep(CHECK_INTERVAL_S)
@@ -265,7 +265,7 @@ class CommLossTests:
         )
         await self.plant.audit.record(entry)
         await asyncio.to_thread(self.plant.store.put, record_key(runtime.id), record.to_json())
-        runtime.comm_loss_record = record
+        runtime.comm_loss.record = record
         text = localized(record.message_key, record.message_params)
         self.plant.publish_event_text("waiver", runtime.id, text, test.actor.name, str(record.result))
 
@@ -279,7 +279,7 @@ class CommLossTests:
 
 def default_silence_s(runtime: DriveRuntime) -> float:
     """Return the drive's communication-loss time with a margin, or a long time where it can't be read."""
-    after_s = runtime.comm_loss_read.after_s
+    after_s = runtime.comm_loss.last_read.after_s
     return (after_s or UNKNOWN_COMM_LOSS_S) + COMM_LOSS_MARGIN_S
 
 

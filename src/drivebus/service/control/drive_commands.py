@@ -275,7 +275,7 @@ class DriveCommands:
         starts = any(may_move(dialect, check_write(dialect, name, value)) for name, value in params.values.items())
         if starts:
             check_start(self.plant, runtime)
-        runtime.invalidate_comm_loss()
+        runtime.comm_loss.invalidate()
         write = runtime.drive.write(params.values, params.save, params.force)
         try:
             outcome = await (self.run_motion(runtime, write) if starts else write)
@@ -283,7 +283,7 @@ class DriveCommands:
             self._publish_partial_write(runtime, error, actor)
             raise
         finally:
-            runtime.invalidate_comm_loss()  # what was read meanwhile may have been the old value
+            runtime.comm_loss.invalidate()  # what was read meanwhile may have been the old value
         self.plant.publish_event(
             "configuration", runtime.id, "plant.did_write", actor=actor.name, outcome=str(outcome.status)
         )
@@ -315,7 +315,7 @@ class DriveCommands:
         text = f"{reason} ({actor.name})"
         waiver = CommLossWaiver.for_drive(text, runtime.config, self.plant.bus_of(runtime).config)
         await self._store_value(waiver_key(runtime.id), waiver.to_json())
-        runtime.waiver = text
+        runtime.comm_loss.waiver = text
         self.plant.publish_event("waiver", runtime.id, "plant.waived", actor=actor.name, reason=reason)
         return text
 
@@ -327,7 +327,7 @@ class DriveCommands:
     async def revoke_waiver(self, params: DriveParams, actor: Actor) -> Json:
         runtime = self.plant.drive_runtime(params.drive)
         await self._store_value(waiver_key(runtime.id), "")
-        runtime.waiver, runtime.waiver_of_another = None, None
+        runtime.comm_loss.waiver, runtime.comm_loss.waiver_of_another = None, None
         self.plant.publish_event("waiver", runtime.id, "plant.unwaived", actor=actor.name)
         return {}
 

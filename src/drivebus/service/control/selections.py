@@ -57,7 +57,7 @@ class SelectionCommands:
         return {"outcomes": outcomes}
 
     async def _grant(self, runtime: DriveRuntime, reason: str, actor: Actor) -> Json:
-        if runtime.comm_loss.kind == "trips" or runtime.waiver is not None:
+        if runtime.comm_loss.view.kind == "trips" or runtime.comm_loss.waiver is not None:
             return UNCHANGED
         try:
             await self.commands.record_waiver(runtime, reason, actor)

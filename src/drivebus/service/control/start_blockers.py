@@ -35,7 +35,7 @@ def start_blockers(plant: Plant, runtime: DriveRuntime) -> Iterator[DrivebusErro
     yield from permissives.unmet_start_permissives(conditions, runtime.profile.family)
     for violation in plant.interlocks.violations(runtime.id):
         yield Interlocked("interlocks.violated", **violation.message_params)
-    if runtime.comm_loss.kind != "trips" and runtime.waiver is None:
+    if runtime.comm_loss.view.kind != "trips" and runtime.comm_loss.waiver is None:
         yield _waiver_needed(runtime)
     if runtime.limits_lost:
         yield ServiceError("plant.limits_lost", drive=runtime.id)
@@ -45,10 +45,10 @@ def start_blockers(plant: Plant, runtime: DriveRuntime) -> Iterator[DrivebusErro
 
 def _waiver_needed(runtime: DriveRuntime) -> WaiverRequired:
     """Return the error of a missing waiver; one that was recorded for another drive of this name is mentioned."""
-    other = runtime.waiver_of_another
+    other = runtime.comm_loss.waiver_of_another
     if other is None:
-        record = runtime.comm_loss_record
-        tested = record is not None and record.holds_for(runtime.comm_loss_parameters)
+        record = runtime.comm_loss.record
+        tested = record is not None and record.holds_for(runtime.comm_loss.present_values)
         key = "plant.waiver_needed_tested" if tested else "plant.waiver_needed"
         return WaiverRequired(key, drive=runtime.id, why=_comm_loss_reason(runtime))
     return WaiverRequired(
@@ -70,10 +70,12 @@ def _blocker_json(key: str, params: tuple[tuple[str, Any], ...]) -> Json:
 
 def _comm_loss_reason(runtime: DriveRuntime) -> Text:
     """Return why the drive may run on; a test that no longer holds is named."""
-    record = runtime.comm_loss_record
-    if record is None or record.holds_for(runtime.comm_loss_parameters) or runtime.comm_loss_parameters is None:
-        return runtime.comm_loss.text
-    return bilingual_text("plant.comm_loss_test_outdated", **{"why": runtime.comm_loss.text} | record.message_params)
+    record = runtime.comm_loss.record
+    if record is None or record.holds_for(runtime.comm_loss.present_values) or runtime.comm_loss.present_values is None:
+        return runtime.comm_loss.view.text
+    return bilingual_text(
+        "plant.comm_loss_test_outdated", **{"why": runtime.comm_loss.view.text} | record.message_params
+    )
 
 
 def check_test_start(plant: Plant, runtime: DriveRuntime) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -12,20 +11,14 @@ from drivebus.bus.station import Presence
 from drivebus.drives import Drive, DriveState, DriveStatus
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.monitor import Monitor
-from drivebus.drives.operations.status import CommLossReport, complete_status
+from drivebus.drives.operations.status import complete_status
 from drivebus.drives.state import STATE_NOT_READ
 from drivebus.drives.store import Store
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.config.bus_load import polled_names, polls_of, profile_of
 from drivebus.service.config.model import DriveConfig
-from drivebus.service.control.comm_loss_record import CommLossRecord, CommLossResult
-from drivebus.service.control.waivers import CommLossWaiver
-from drivebus.service.live.views import CommLossTestObject, CommLossView, Sample, StopObject
-from drivebus.types import Json
-from drivebus.values import Quality, Reading, Text
-
-COMM_LOSS_NOT_READ = bilingual_text("plant.comm_loss_not_read")
-COMM_LOSS_UNKNOWN = CommLossView(kind="unknown", after_s=None, text=COMM_LOSS_NOT_READ)
+from drivebus.service.live.views import Sample, StopObject
+from drivebus.service.runtime.comm_loss import CommLossState
+from drivebus.values import Quality, Reading
 
 
 class DriveRuntime:
@@ -55,26 +48,11 @@ class DriveRuntime:
         )
         self.polls = polls_of(config, self.drive.dialect)
         self.monitor: Monitor | None = None
-        self.comm_loss_read = COMM_LOSS_UNKNOWN
-        self.comm_loss_read_at: float | None = None
-        self.comm_loss_stale = False
-        self.comm_loss_writes = 0
-        """Number of writes, to detect one during a read."""
+        self.comm_loss = CommLossState()
         self.group_started_at: float | None = None
         """Monotonic time of its last start by a group."""
-        self.comm_loss_values: Mapping[str, int] = {}
-        """Raw values of the communication-loss parameters by notation, of the last read."""
-        self.comm_loss_record: CommLossRecord | None = None
-        """Result of its last communication-loss test."""
-        self.comm_loss_test: CommLossTestObject | None = None
-        """Communication-loss test that is under way."""
-        self.comm_loss_no_result: Json | None = None
-        """Why its last communication-loss test ended without a result."""
-        self.waiver: str | None = None
         self.limits_lost = False
         """The limits that an engineer set are lost with their file: it is not started until they are set again."""
-        self.waiver_of_another: CommLossWaiver | None = None
-        """Waiver that was recorded under this name for another drive: it allows nothing."""
         self.last_stop: StopObject | None = None
         """Its last stop request, until it is started again."""
         self.commanded_hz: float | None = None
@@ -96,7 +74,6 @@ class DriveRuntime:
         """Code of the fault of which an event was published last."""
         self.unnamed_fault_at: float | None = None
         """Monotonic time since which it has reported a fault without a code."""
-        self.comm_loss_requested_at: float | None = None
         self._last_sampled: dict[str, float | None] = {}
 
     @property
@@ -107,43 +84,18 @@ class DriveRuntime:
 
     @property
     def is_online(self) -> bool:
-        """It replied last."""
+        """Whether it has answered its last request."""
         return self.bus.presence(self.config.address) is Presence.ONLINE
 
     @property
     def awaits_first_read(self) -> bool:
-        """Its first read is under way: the state is not known, and no poll has failed."""
+        """Whether its first read is under way: the state is not known, and no poll has failed."""
         not_read = self.status().reason == STATE_NOT_READ.reason
         return not_read and self.monitor is not None and self.monitor.last_error is None
 
     def end_motion(self) -> None:
-        """Note that it stands still: what runs later is not this service's motion."""
+        """Record that it stands still: a later motion is not of this service."""
         self.started_by_service = self.adopted = False
-
-    @property
-    def comm_loss(self) -> CommLossView:
-        """Behaviour of the drive at communication loss, with its waiver. A test that holds counts more than a read."""
-        found = COMM_LOSS_UNKNOWN if self.comm_loss_stale else self.comm_loss_read
-        record = self.comm_loss_record
-        holds = record is not None and record.holds_for(self.comm_loss_parameters)
-        if record is not None and holds:
-            kind = "runs_on" if record.result is CommLossResult.RUNS_ON else "trips"
-            text = bilingual_text(record.message_key, **record.message_params)
-            found = CommLossView(kind=kind, after_s=float(record.after_s), text=text)
-        tested = None if record is None else {**record.as_json(), "holds": holds}
-        return replace(
-            found,
-            waiver=self.waiver,
-            tested=tested,
-            test=self.comm_loss_test,
-            no_result=self.comm_loss_no_result,
-        )
-
-    @property
-    def comm_loss_parameters(self) -> Mapping[str, int] | None:
-        """Raw values of the communication-loss parameters by notation; None: not known now."""
-        known = self.comm_loss_read_at is not None and not self.comm_loss_stale
-        return self.comm_loss_values if known else None
 
     def reconfigure(self, setting: DriveConfig, *, polls: bool) -> None:
         """Apply changed limits and policies, and with ``polls`` changed polling."""
@@ -180,25 +132,6 @@ class DriveRuntime:
         """Apply limits set by an engineer; None restores those of the configuration."""
         self.drive.limits = own or self.config.limits
 
-    def invalidate_comm_loss(self) -> None:
-        """Mark the communication-loss behaviour as unknown until it is read again."""
-        self.comm_loss_stale = True
-        self.comm_loss_writes += 1
-
-    def set_comm_loss(self, report: CommLossReport, now: float, writes_before: int | None) -> None:
-        """Take in a read of the communication-loss behaviour; a write since ``writes_before`` makes it stale."""
-        self.comm_loss_stale = writes_before is not None and writes_before != self.comm_loss_writes
-        kind = {True: "trips", False: "runs_on", None: "unknown"}[report.stops_on_comm_loss]
-        self.comm_loss_read = CommLossView(
-            kind=kind, after_s=_seconds_of(report.time), text=Text(report.text("en"), report.text("zh"))
-        )
-        rule, read = self.profile.comm_loss, {}
-        for notation, reading in ((rule.time_notation, report.time), (rule.action_notation, report.action)):
-            if notation is not None and reading is not None and reading.raw is not None:
-                read[notation] = reading.raw
-        self.comm_loss_values = read
-        self.comm_loss_read_at = now
-
     def close(self) -> None:
         """Remove the drive from its bus; nothing is sent."""
         self.stop_monitor()
@@ -230,9 +163,3 @@ class DriveRuntime:
 
 
 _NOT_SAMPLED: Any = object()
-
-
-def _seconds_of(reading: Reading | None) -> float | None:
-    if reading is None or reading.unit != "s" or not isinstance(reading.value, int | float):
-        return None
-    return float(reading.value)

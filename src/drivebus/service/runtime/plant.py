@@ -340,16 +340,18 @@ class Plant:
     def _restore_waiver(self, runtime: DriveRuntime, waiver: CommLossWaiver | None) -> None:
         """Restore a waiver; one that was recorded for another drive of this name is ignored and becomes an event."""
         fits = waiver is not None and waiver.applies_to(runtime.config, self.bus_of(runtime).config)
-        runtime.waiver = waiver.text if waiver is not None and fits else None
-        runtime.waiver_of_another = None if fits else waiver
-        if runtime.waiver_of_another is not None:
-            self.publish_event("waiver", runtime.id, "plant.waiver_ignored", **runtime.waiver_of_another.recorded_for)
+        runtime.comm_loss.waiver = waiver.text if waiver is not None and fits else None
+        runtime.comm_loss.waiver_of_another = None if fits else waiver
+        if runtime.comm_loss.waiver_of_another is not None:
+            self.publish_event(
+                "waiver", runtime.id, "plant.waiver_ignored", **runtime.comm_loss.waiver_of_another.recorded_for
+            )
 
     def _restore_comm_loss_record(self, runtime: DriveRuntime, record: CommLossRecord | None) -> None:
         """Restore the record of a communication-loss test; one of another drive of this name becomes an event."""
-        runtime.comm_loss_record = record
+        runtime.comm_loss.record = record
         if record is not None and not record.is_of(runtime.config, self.bus_of(runtime).config):
-            runtime.comm_loss_record = None
+            runtime.comm_loss.record = None
             self.publish_event(
                 "waiver",
                 runtime.id,

@@ -253,23 +253,23 @@ class SupervisionCycle:
         """Read a drive's behaviour at communication loss: once it is online, after writes, and each hour."""
         if not runtime.is_online or runtime.monitor is None:
             return
-        requested_at = runtime.comm_loss_requested_at
-        wait_s = COMM_LOSS_READ_INTERVAL_S if runtime.comm_loss_read_at is not None else COMM_LOSS_RETRY_S
-        wait_s = COMM_LOSS_REREAD_S if runtime.comm_loss_stale else wait_s
+        requested_at = runtime.comm_loss.requested_at
+        wait_s = COMM_LOSS_READ_INTERVAL_S if runtime.comm_loss.read_at is not None else COMM_LOSS_RETRY_S
+        wait_s = COMM_LOSS_REREAD_S if runtime.comm_loss.is_stale else wait_s
         if requested_at is not None and now - requested_at < wait_s:
             return
-        runtime.comm_loss_requested_at = now
+        runtime.comm_loss.requested_at = now
         task = asyncio.create_task(self._read_comm_loss(runtime), name=f"communication loss {runtime.id}")
         self._comm_loss_reads.add(task)
         task.add_done_callback(self._comm_loss_reads.discard)
 
     async def _read_comm_loss(self, runtime: DriveRuntime) -> None:
-        writes_before = runtime.comm_loss_writes
+        writes_before = runtime.comm_loss.write_count
         try:
             report = await runtime.drive.comm_loss_behaviour()
         except (DrivebusError, KeyError):
             return
-        runtime.set_comm_loss(report, self._plant.now(), writes_before)
+        runtime.comm_loss.set_read(report, runtime.profile.comm_loss, self._plant.now(), writes_before)
 
     async def close(self) -> None:
         """Cancel the reads that are under way."""
