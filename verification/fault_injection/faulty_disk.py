@@ -305,7 +305,7 @@ def discard_killed(scenario: Scenario) -> None:
 
 
 def _check_count(scenario: Scenario, path: Path, written: int) -> None:
-    """Check the store's file without the product, then with it."""
+    """Check the file of the store: first as JSON, then through the store itself."""
     try:
         values = json.loads(path.read_text())["values"] if path.exists() else {}
         counts = sum(json.loads(text)["total"] for name, text in values.items() if name.startswith("eeprom/"))

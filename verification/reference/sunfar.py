@@ -301,7 +301,7 @@ def _packed(raw: list[bytes]) -> ParsedFields | None:
 
 
 def _mixed(raw: list[bytes]) -> ParsedFields | None:
-    """Read each field as its own bytes tell; four bytes 00 00 0x 0y as the others tell, packed where none decides."""
+    """Read each field by its own bytes; 00 00 0x 0y, which fits both forms, like the others, or packed without any."""
     kinds = [_field_spelling(text) for text in raw]
     known = {kind for kind in kinds if kind in ("packed", "nibbles")}
     for text, kind in zip(raw, kinds, strict=True):

@@ -601,7 +601,7 @@ class BusCore:
         station = prepared.station
         if error.key == "bus.sync_rejected":
             station.sync_rejections += 1
-        elif error.key == "bus.sync_ambiguous":  # if it was the older one's reply, this one's own is still to come
+        elif error.key == "bus.sync_ambiguous":  # its own reply may still come
             station.quarantined_until = now + ANY_REPLY_LATENESS_S
             self._fail_waiting(station, error, quarantined=True)
         elif prepared.is_sync_probe:
@@ -610,8 +610,8 @@ class BusCore:
     def _handle_sync_failure(self, transaction: Transaction, received: Exception | None, now: float) -> None:
         """Take the station offline and fail the requests that waited for its sync probe.
 
-        ``received``: the error that names the bytes in place of the reply, None without any. Then the error is that of
-        the bytes since the last but one sync probe, and only without those that the station is offline.
+        ``received``: error that names the bytes in place of the reply; None where none came. Then the requests fail
+        with the error of bytes that came since the sync probe before the last one; without such bytes, as offline.
         """
         station = transaction.prepared.station
         named = received or station.failure_reason or station.earlier_failure_reason
@@ -796,7 +796,7 @@ class BusCore:
         else:
             self.unsolicited.record_foreign_request(now)
         is_alone = len(data) == request.size
-        # Bytes after it may have come after a pause: only its earliest time is known then, which calls none too late.
+        # Bytes after it may have come after a pause. Then only its earliest time is known, which overstates no delay.
         received_at = transaction.last_byte_at or now if is_alone else transaction.tx_end_at
         self._record_unsolicited(
             UnsolicitedFrame(kind, station, request.message, request.size), frame, received_at, now
@@ -808,7 +808,7 @@ class BusCore:
         self.counters.count_event(kind.value)
         if station is not None:
             station.counters.count_event(kind.value)
-            # A late reply after a complete one is a duplicate too, where there was a sign of it before.
+            # A late reply after a complete one counts as a duplicate where the station has sent a duplicate before.
             late_duplicate = (
                 kind is TraceKind.LATE and station.last_request_answered and station.has_duplicate_address(now, 1)
             )
@@ -824,13 +824,13 @@ class BusCore:
             if kind is TraceKind.DUPLICATE or (kind is TraceKind.FOREIGN and frame.message is None):
                 self._mark_suspect(station, now)
         elif kind is TraceKind.UNSOLICITED:
-            self._name_unattributed(data, received_at)
+            self._attribute_to_suspects(data, received_at)
         if self.tracing:
             address = None if station is None else station.address
             self._trace(TraceEvent(time=received_at, kind=kind, data=data, station=address, message=frame.message))
 
-    def _name_unattributed(self, data: bytes, received_at: float) -> None:
-        """Name bytes of no known sender for the stations that may have sent them late. Nothing is accepted."""
+    def _attribute_to_suspects(self, data: bytes, received_at: float) -> None:
+        """Record bytes of an unknown sender as the failure of each suspect station, which may have sent them late."""
         for station in self.stations.values():
             if not station.state.is_suspect:
                 continue

@@ -282,7 +282,7 @@ class Station:
     def next_allowed_at(self, now: float) -> float:
         """Return the time at which a station that has replied twice may be addressed again.
 
-        A second reply must have had its time, or it would be taken for the reply to the next request.
+        A second reply must have arrived by then, or it would be taken for the reply to the next request.
         """
         if now - self.duplicate_reply_times[-1] > DUPLICATE_WINDOW_S:
             return 0.0
@@ -321,7 +321,9 @@ class Station:
         )
 
     def next_sync_request(self, now: float) -> Any:
-        """Return the next sync probe, or the one after it where only that one's reply is unlike those due in length."""
+        """Return the next sync probe, or the one after it where only the reply to the latter differs in length from all
+        replies that are still due.
+        """
         request = self.config.sync_request(self.sync_probe_count)
         self.sync_probe_count += 1
         due = {self.codec.reply_size(entry.request) for entry in self.unanswered_requests if entry.until > now}

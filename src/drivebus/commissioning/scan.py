@@ -23,7 +23,7 @@ from drivebus.serial_settings import SerialSettings
 SNIFF_SAMPLE_BYTES = 64
 """Bytes of foreign traffic that are shown."""
 ERRORS_OF_WHOLE_REPLIES = {"bus.stray_before", "bus.trailing", "bus.second_reply", "protocols.sunfar.state"}
-"""Errors of a reply that is complete and of the station that was asked, and still not accepted."""
+"""Errors of a complete reply of the requested station that is not accepted."""
 MAX_UNREADABLE_REPLIES = 4
 """After as many damaged replies of an address, and no valid frame, no further probe is sent to it."""
 NOISE_ALLOWANCE_S = 5.0
@@ -237,7 +237,7 @@ class _ProbedAddress:
 
     @property
     def is_noise(self) -> bool:
-        """Whether there were enough damaged replies, or time spent on them, and no valid frame, to ask no further."""
+        """Whether no further request is sent: no valid frame came, and damaged replies reached their limit or time."""
         if self.rejected or self.answered:
             return False
         return len(self.damaged) >= MAX_UNREADABLE_REPLIES or self.bus.now() >= self.noise_ends_at
@@ -289,9 +289,8 @@ class _ProbedAddress:
 async def _probe_address(probed: _ProbedAddress, address: int) -> DetectedDrive | None:
     """Probe an address with the first candidate, and with the others only if bytes are received.
 
-    Models with the same request, and the same size of its reply, are probed once; of those that were answered, only
-    models whose status has the value that was read, and whose other registers of state and identity were answered, are
-    named, if there are any.
+    Models with the same request and the same size of its reply are probed once. Of the models that were answered, those
+    are preferred whose status can have the value that was read, and whose other registers of state and identity answer.
     """
     scan_pass = probed.scan_pass
     probes: list[tuple[ScanCandidate, Dialect, Any]] = []

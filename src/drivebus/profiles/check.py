@@ -54,7 +54,7 @@ BITS_OF_A_CHARACTER = 11  # with parity or two stop bits: the longest
 
 
 def check_profile(profile: ProfileIn) -> Iterator[Issue]:
-    """Yield every issue; only those of the family where even these exist."""
+    """Yield every issue; where the family has some, only those, because the other checks depend on it."""
     family_issues = list(_check_family(profile))
     if family_issues:
         yield from family_issues
@@ -183,7 +183,7 @@ def _check_capabilities(profile: ProfileIn) -> Iterator[Issue]:
 
 
 def _check_standstill(profile: ProfileIn) -> Iterator[Issue]:
-    """Check that the signal of the standstill exists, and that one which counts for nothing has its source."""
+    """Check that the signal of the standstill exists, and that ``status_alone`` has a source, which only it needs."""
     status = profile.status
     if status is None:
         return
@@ -299,7 +299,7 @@ def _is_allowed(option: OptionIn) -> bool:
 
 
 def check_addressing(profile: ProfileIn) -> Iterator[Issue]:
-    """Yield invalid notations and registers, entries that share an address, and references to nothing."""
+    """Yield invalid notations and registers, entries that share an address, and references to absent entries."""
     wrong_groups = list(_check_group_sizes(profile))
     yield from wrong_groups
     if not wrong_groups:

@@ -94,11 +94,11 @@ class UnplacedParameter:
 
 @dataclass(frozen=True, slots=True)
 class Precondition:
-    """Parameter that must have a value before the drive obeys the bus."""
+    """Parameter that must have a value before the drive accepts commands from the bus."""
 
     notation: str
     accepted: tuple[int, ...]
-    """Raw values, any of which is right."""
+    """Raw values that are accepted."""
     keypad: Text
     """Keypad step that sets it."""
     unreadable: Text | None = None

@@ -119,7 +119,7 @@ class Dzb100Dialect(Dialect):
         return False
 
     def state_reads(self) -> tuple[Any, ...]:
-        """Return output frequency and state word: two rounds put another item between equal ones."""
+        """Return output frequency and state word: in two rounds each item is read after the other one."""
         return Dzb100Query(self.address, 1), Dzb100Query(self.address, STATE_ITEM)
 
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:

@@ -161,7 +161,7 @@ class ModbusDialect(Dialect):
         return Effect.SETTING
 
     def is_allowed(self, frame: bytes) -> bool:
-        """Allow registers of the profile's tables, and command words of mapped bits."""
+        """Return whether a request writes only registers of the profile's tables, with command words of mapped bits."""
         try:
             changes = registers_written(frame, self.codec.encoding)
         except (ProtocolError, KeyError):

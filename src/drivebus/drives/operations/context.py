@@ -224,7 +224,7 @@ class OperationContext:
         return result
 
     def _record_deceleration(self, readings: Readings) -> None:
-        """Every single reading counts: on a slow bus with many drives one verified state takes a second."""
+        """Record the time of a falling frequency. A single reading counts: a verified state can take a second."""
         reading = readings.get("output_frequency")
         if reading is None or not isinstance(reading.value, int | float):
             return
@@ -345,10 +345,12 @@ class OperationContext:
 
     def send_command(self, command: DriveCommand, frame: CommandFrame) -> DriveOperation[BusResult]:
         """Send one frame that is neither a read nor a stop, if it gets a permit."""
-        found = yield from self.check_model()
-        if found is not None:
+        unconfirmed = yield from self.check_model()
+        if unconfirmed is not None:
             model = self.dialect.profile.model
-            raise StartInhibited("drives.model_unconfirmed", station=self.dialect.address, model=model, why=found.why)
+            raise StartInhibited(
+                "drives.model_unconfirmed", station=self.dialect.address, model=model, why=unconfirmed.why
+            )
         permit = yield from self.request_permit(command, frame)
         return (yield from self.transact(frame.request, RequestPriority.COMMAND, frame.retry_policy, permit))
 

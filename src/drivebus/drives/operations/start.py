@@ -140,7 +140,7 @@ def _change_running_speed(
     slows_down = derived.state is DriveState.DECELERATING or _output_falls(op)
     outcome = yield from set_frequency(op, frequency_hz)
     output_hz = op.output_hz()
-    # two readings of a slow ramp are equal: its stop shows only in the speed not rising to the new frequency
+    # Two readings of a slow ramp may be equal. That it leads to a stop shows only later: the speed does not rise.
     must_rise = output_hz is not None and abs(output_hz) < frequency_hz - speed_tolerance_hz(op, frequency_hz)
     if (slows_down or must_rise) and outcome.succeeded:
         return (yield from _check_runs_on(op, outcome, frequency_hz, stop_epoch))

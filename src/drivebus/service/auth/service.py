@@ -122,8 +122,9 @@ class AuthService:
 
     @property
     def users_missing(self) -> bool:
-        """Whether the users' file of a plant that had users is gone: a deleted file or an absent disk makes no new
-        plant. The file, or a new administrator on the command line, ends it.
+        """Whether the users' file of a plant that had users is gone: then no new set-up is allowed.
+
+        The file, or a new administrator on the command line, ends this state.
         """
         return self.user_file.is_missing and (self._had_users or self.session_store.exists)
 

@@ -117,7 +117,7 @@ class DriveCommands:
         return self.publish_outcome(runtime, "run", outcome, actor, frequency_hz=frequency_hz)
 
     async def run_motion(self, runtime: DriveRuntime, motion: Awaitable[Outcome]) -> Outcome:
-        """Await a motion; ``started_by_service`` stays as it was where it can have left no motor running."""
+        """Await a motion. One that failed before any motor can run by it leaves ``started_by_service`` unchanged."""
         before, runtime.started_by_service, runtime.last_motion_at = runtime.started_by_service, True, inf
         last_stop = runtime.last_stop
         try:

@@ -317,7 +317,7 @@ class HistoryWriter:
             LOG.warning(i18n.preferred_text("log.history_again", lost=lost))
 
     def _record_failure(self, error: StoreError) -> None:
-        """Close the store and keep the error: the service raises an alarm of it, which is the one line of the log."""
+        """Close the store and keep the error: the service raises an alarm of it, and only that alarm is logged."""
         self._is_open = False
         LOG.debug("history can't be written: %s", error)
         self.problem = error.reason

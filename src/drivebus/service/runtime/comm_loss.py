@@ -19,7 +19,7 @@ _UNKNOWN = CommLossView(kind="unknown", after_s=None, text=COMM_LOSS_NOT_READ)
 
 
 class CommLossState:
-    """What the service knows of a drive's behaviour at communication loss."""
+    """Behaviour of one drive at communication loss, as read, tested and waived so far."""
 
     def __init__(self) -> None:
         self.last_read = _UNKNOWN

@@ -74,7 +74,7 @@ class GatewayStatus:
 
 
 class PlantListener:
-    """Receiver of what happens in a plant: subclasses override what they need. Nothing here may wait."""
+    """Receiver of what happens in a plant: subclasses override what they need. No method may wait."""
 
     def on_event(self, event: Json) -> None: ...
 
@@ -123,7 +123,7 @@ class Plant:
     started_ms: int = 0
     last_stop_all: Json | None = None
     notice: Json | None = None
-    """Text in both languages that the page shows to every user; the demo tells its story with it."""
+    """Text in both languages that the page shows to every user; the demo describes its steps with it."""
     gateways: dict[str, GatewayStatus] = field(default_factory=dict)
     """Gateways that run or are restarted, by name."""
     disk_space: Json = field(default_factory=dict)
@@ -294,7 +294,7 @@ class Plant:
         self.publish_alarms(self.alarms.clear_alarm(kind, drive, self.wall_ms(), subject=subject))
 
     def publish_alarms(self, changes: Sequence[AlarmChange]) -> None:
-        """Publish changes of alarms as events. That an alarm has its incident now is seen in the alarm itself."""
+        """Publish changes of alarms as events, except the link to an incident, which the alarm itself shows."""
         for change in changes:
             for listener in self._listeners:
                 listener.on_alarm(change)
