@@ -39,6 +39,17 @@ def permit(**changes: object) -> Permit:
     )  # type: ignore[arg-type]
 
 
+def command_request(address: int, value: int, given: Permit | None) -> BusRequest:
+    """Return a request for drive 1 with this command word, whose bytes name ``address``."""
+    return BusRequest(
+        station=1,
+        request=modbus.WriteRegister(address, COMMAND, value),
+        priority=RequestPriority.COMMAND,
+        retry_policy=RetryPolicy.EDGE_TRIGGERED,
+        permit=given,
+    )
+
+
 @pytest.mark.parametrize(
     ("given", "key"),
     [
@@ -52,15 +63,7 @@ def permit(**changes: object) -> Permit:
 def test_a_start_without_its_own_valid_permit_never_leaves(given: Permit | None, key: str) -> None:
     station = FakeStation()
     script = make_script(station)
-    script.submit(
-        BusRequest(
-            station=1,
-            request=modbus.WriteRegister(1, COMMAND, START),
-            priority=RequestPriority.COMMAND,
-            retry_policy=RetryPolicy.EDGE_TRIGGERED,
-            permit=given,
-        )
-    )
+    script.submit(command_request(1, START, given))
     result = script.result()
     assert isinstance(result.error, NotPermitted) and result.error.key == key
     assert script.sent == [] and station.start_count == 0
@@ -88,15 +91,7 @@ def test_a_read_label_on_a_start_does_not_help() -> None:
 def test_a_request_for_another_station_than_was_named_never_leaves() -> None:
     """A permit for drive 1 can't start drive 2."""
     script = make_script(FakeStation(address=1), FakeStation(address=2))
-    script.submit(
-        BusRequest(
-            station=1,
-            request=modbus.WriteRegister(2, COMMAND, START),
-            priority=RequestPriority.COMMAND,
-            retry_policy=RetryPolicy.EDGE_TRIGGERED,
-            permit=permit(),
-        )
-    )
+    script.submit(command_request(2, START, permit()))
     error = script.result().error
     assert isinstance(error, NotPermitted) and error.key == "bus.other_station"
 
@@ -317,15 +312,7 @@ def test_a_second_reply_of_a_removed_drive_counts_for_its_successor() -> None:
 def test_a_broadcast_frame_is_checked_as_a_broadcast_whatever_station_is_named(value: int, key: str | None) -> None:
     """The request names drive 1 and has its permit, but address 0 in the bytes addresses all."""
     script = make_script(FakeStation(address=1), FakeStation(address=2))
-    script.submit(
-        BusRequest(
-            station=1,
-            request=modbus.WriteRegister(0, COMMAND, value),
-            priority=RequestPriority.COMMAND,
-            retry_policy=RetryPolicy.EDGE_TRIGGERED,
-            permit=permit(),
-        )
-    )
+    script.submit(command_request(0, value, permit()))
     error = script.result().error
     assert (error.key if isinstance(error, NotPermitted) else error) == key
     assert len(script.sent) == (key is None)

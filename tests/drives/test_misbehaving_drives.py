@@ -9,22 +9,16 @@ from typing import Any
 import pytest
 
 from drivebus.bus import Bus
-from drivebus.bus.messages import RetryPolicy
 from drivebus.drives import Drive, MemoryStore, OutcomeStatus, stop_bus
 from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContext
 from drivebus.drives.operations.start import confirm_start
 from drivebus.drives.operations.steps import BusConditions
 from drivebus.drives.operations.stop import STOP_PROGRESS_TIMEOUT_S
 from drivebus.drives.permissives import (
-    MIN_DAMAGED_REPLIES,
     CommandKind,
-    DriveCommand,
-    DriveEvidence,
-    PermitInputs,
-    grant_permit,
 )
-from drivebus.drives.state import DerivedState, DriveState
-from drivebus.errors import DrivebusError, Expired, StartInhibited, StopUnconfirmed, TargetNotReached
+from drivebus.drives.state import DriveState
+from drivebus.errors import DrivebusError, Expired, StopUnconfirmed, TargetNotReached
 from drivebus.ports import open_port
 from drivebus.protocols import sunfar
 from drivebus.protocols.codec import Effect
@@ -279,34 +273,6 @@ def test_a_start_is_not_confirmed_by_a_drive_that_does_something_else(state: sun
         DriveState.DECELERATING,
     }
     assert not bus.effects()
-
-
-@pytest.mark.parametrize(("damaged", "blocked"), [(MIN_DAMAGED_REPLIES - 1, False), (MIN_DAMAGED_REPLIES, True)])
-def test_three_damaged_replies_inhibit_a_start_and_two_do_not(damaged: int, blocked: bool) -> None:
-    conditions = BusConditions(now=10.5, stop_epoch=3, damage_rate=0.5, damaged=damaged)
-    stands = DriveEvidence(
-        derived=DerivedState(DriveState.STOPPED),
-        state_at=10.4,
-        reports_run_state=True,
-        preflight_passed=True,
-        limits_checked=True,
-        is_prepared=True,
-        motion_seen=False,
-        run_seen=False,
-    )
-    command = DriveCommand("start-1", CommandKind.START, 10.0, 3)
-    with pytest.raises(StartInhibited) if blocked else contextlib.nullcontext():
-        grant_permit(
-            PermitInputs(
-                command=command,
-                station=7,
-                effect=Effect.MOTION,
-                retry_policy=RetryPolicy.EDGE_TRIGGERED,
-                conditions=conditions,
-                evidence=stands,
-                family="sunfar",
-            )
-        )
 
 
 @pytest.mark.parametrize(("age_s", "fits"), [(CHECKS_TIMEOUT_S, True), (CHECKS_TIMEOUT_S + 0.01, False)])

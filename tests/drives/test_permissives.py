@@ -127,16 +127,7 @@ def test_a_start_needs_a_fresh_status() -> None:
 
 
 def test_a_family_without_a_run_status_is_judged_by_its_preflight_alone() -> None:
-    blind = DriveEvidence(
-        derived=DerivedState(DriveState.UNKNOWN),
-        state_at=None,
-        reports_run_state=False,
-        preflight_passed=True,
-        limits_checked=True,
-        is_prepared=True,
-        motion_seen=False,
-        run_seen=False,
-    )
+    blind = replace(STANDSTILL, derived=DerivedState(DriveState.UNKNOWN), state_at=None, reports_run_state=False)
     request_permit(evidence=blind)
     check_withheld(StartInhibited, "drives.preflight_not_done", evidence=replace(blind, preflight_passed=False))
 
@@ -328,16 +319,7 @@ def test_a_setpoint_or_ramp_hold_whose_frame_moves_only_changes_a_run(kind: Comm
 
 def test_a_setpoint_that_only_sets_needs_its_limits_and_nothing_of_the_drive() -> None:
     setpoint = DriveCommand("x", CommandKind.SETPOINT, 10.0, 3)
-    nothing = DriveEvidence(
-        derived=DerivedState(DriveState.UNKNOWN),
-        state_at=None,
-        reports_run_state=True,
-        preflight_passed=False,
-        limits_checked=True,
-        is_prepared=True,
-        motion_seen=False,
-        run_seen=False,
-    )
+    nothing = replace(STANDSTILL, derived=DerivedState(DriveState.UNKNOWN), state_at=None, preflight_passed=False)
     request_permit(setpoint, Effect.SETTING, replace(CONDITIONS, damage_rate=1.0, damaged=9), nothing)
     check_withheld(
         StartInhibited,
@@ -351,15 +333,12 @@ def test_a_setpoint_that_only_sets_needs_its_limits_and_nothing_of_the_drive() -
 @pytest.mark.parametrize("kind", [CommandKind.WRITE, CommandKind.RESET])
 def test_a_write_or_a_reset_asks_for_no_limits_and_no_state(kind: CommandKind) -> None:
     """A drive in a fault on a bad link must be resettable."""
-    faulty = DriveEvidence(
+    faulty = replace(
+        STANDSTILL,
         derived=DerivedState(DriveState.FAULT),
         state_at=None,
-        reports_run_state=True,
         preflight_passed=False,
         limits_checked=False,
-        is_prepared=True,
-        motion_seen=False,
-        run_seen=False,
     )
     command = DriveCommand("x", kind, 10.0, 3)
     permit = request_permit(command, Effect.SETTING, replace(CONDITIONS, damage_rate=1.0, damaged=9), faulty)

@@ -32,7 +32,7 @@ from drivebus.errors import (
 from drivebus.families.huanyang import codec as hy
 from drivebus.families.huanyang.codec import HuanyangReply, HuanyangRequest
 from drivebus.ports import open_port
-from drivebus.protocols.codec import Complete, Effect, Incomplete
+from drivebus.protocols.codec import Complete, Effect
 from drivebus.protocols.family import protocol_family
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.motor import Trip
@@ -55,15 +55,6 @@ PRINTED = [
     ("01 03 01 08 F1 8E", HuanyangRequest(1, 3, 0, 0x08, 1)),
 ]
 """From the same page, and the last from gist.github.com/Bouni/803492ed0aab3f944066."""
-REQUESTS = st.one_of(
-    st.builds(hy.read_parameter, st.integers(1, 250), st.integers(0, 255)),
-    st.builds(
-        hy.write_parameter, st.integers(1, 250), st.integers(0, 255), st.integers(0, 255), st.sampled_from((1, 2))
-    ),
-    st.builds(hy.control, st.integers(0, 250), st.integers(0, 255)),
-    st.builds(hy.read_status, st.integers(1, 250), st.integers(0, 7)),
-    st.builds(hy.set_frequency, st.integers(0, 250), st.integers(0, 0xFFFF)),
-)
 
 
 @pytest.mark.parametrize(("sent", "request_", "received", "reply"), RECORDED, ids=[row[0] for row in RECORDED])
@@ -102,33 +93,6 @@ def test_no_reply_to_a_status_read_equals_its_request(address: int, item: int, v
     """A read with two zero bytes is repeated by its reply at 0 Hz: then an echo could pass for a stopped motor."""
     request = hy.read_status(address, item)
     assert CODEC.encode_reply(HuanyangReply(address, 4, item, value)) != CODEC.encode_request(request)
-
-
-@given(REQUESTS)
-def test_requests_are_restored(request_: HuanyangRequest) -> None:
-    frame = CODEC.encode_request(request_)
-    assert CODEC.decode_request(frame) == Complete(request_, len(frame))
-    for size in range(len(frame)):
-        found = CODEC.decode_request(frame[:size])
-        assert isinstance(found, Incomplete) and size < found.need <= len(frame)
-
-
-@given(st.binary(max_size=12), REQUESTS)
-def test_any_bytes_are_decoded_or_rejected(data: bytes, request_: HuanyangRequest) -> None:
-    for read in (CODEC.decode_request, lambda found: CODEC.decode_reply(request_, found)):
-        try:
-            result = read(data)
-        except ProtocolError:
-            continue
-        assert isinstance(result, Complete | Incomplete)
-
-
-@given(REQUESTS, st.data())
-def test_a_flipped_bit_is_detected(request_: HuanyangRequest, data: st.DataObject) -> None:
-    frame = bytearray(CODEC.encode_request(request_))
-    bit = data.draw(st.integers(0, 8 * len(frame) - 1))
-    frame[bit // 8] ^= 1 << bit % 8
-    assert hy.frame_effect(bytes(frame)) is Effect.MOTION
 
 
 READ, SETPOINT = hy.read_parameter(1, 5), hy.set_frequency(1, 5000)

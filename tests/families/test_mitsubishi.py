@@ -8,8 +8,6 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from drivebus import i18n, profiles
 from drivebus.bus import Bus
@@ -33,16 +31,11 @@ from drivebus.errors import (
 from drivebus.families.mitsubishi import codec as fr
 from drivebus.families.mitsubishi.codec import MitsubishiCodec, MitsubishiReply, MitsubishiRequest
 from drivebus.ports import open_port
-from drivebus.protocols.codec import Complete, Effect, Incomplete
+from drivebus.protocols.codec import Complete, Effect
 from drivebus.simulator.motor import Trip
 from drivebus.testing.virtual_time import run
 
 CODEC = MitsubishiCodec()
-REQUESTS = st.one_of(
-    st.builds(MitsubishiRequest, st.integers(0, 31), st.sampled_from(sorted(fr.READ_DIGITS))),
-    st.builds(MitsubishiRequest, st.integers(0, 31), st.just(fr.SET_FREQUENCY), st.integers(0, 0xFFFF)),
-    st.builds(MitsubishiRequest, st.integers(0, 31), st.just(fr.RUN_COMMAND), st.integers(0, 0xFF)),
-)
 
 
 def test_the_printed_sum_checks() -> None:
@@ -96,33 +89,6 @@ def test_a_sync_probe_differs_in_length_from_an_unanswered_read(code: int, earli
             return asyncio.get_running_loop().time() - began
 
     assert run(play()) < 2.0
-
-
-@given(REQUESTS)
-def test_requests_are_restored(request_: MitsubishiRequest) -> None:
-    frame = CODEC.encode_request(request_)
-    assert CODEC.decode_request(frame) == Complete(request_, len(frame))
-    for size in range(len(frame)):
-        found = CODEC.decode_request(frame[:size])
-        assert isinstance(found, Incomplete) and size < found.need <= len(frame)
-
-
-@given(st.binary(max_size=14), REQUESTS)
-def test_any_bytes_are_decoded_or_rejected(data: bytes, request_: MitsubishiRequest) -> None:
-    for read in (CODEC.decode_request, lambda found: CODEC.decode_reply(request_, found)):
-        try:
-            result = read(data)
-        except ProtocolError:
-            continue
-        assert isinstance(result, Complete | Incomplete)
-
-
-@given(REQUESTS, st.data())
-def test_a_flipped_bit_is_detected(request_: MitsubishiRequest, data: st.DataObject) -> None:
-    frame = bytearray(CODEC.encode_request(request_))
-    bit = data.draw(st.integers(0, 8 * len(frame) - 1))
-    frame[bit // 8] ^= 1 << bit % 8
-    assert fr.frame_effect(bytes(frame)) is Effect.MOTION
 
 
 def test_a_reply_of_another_form_station_or_sum_is_rejected() -> None:

@@ -1,7 +1,8 @@
-"""Every field of a C320 frame at its limit, and every refusal with its key and both numbers ."""
+"""Every field of a C320 frame at its limits, and every rejection with its key, the expected and the found value."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -99,7 +100,7 @@ def spoiled(frame: bytes, place: int, byte: int) -> bytes:
     return frame[:at] + bytes((byte,)) + frame[at + 1 :]
 
 
-UNHEARD: list[tuple[FrameLayout, tuple[int, ...], type[ProtocolError], str, object, object]] = [
+REJECTED_REQUESTS: list[tuple[FrameLayout, tuple[int, ...], type[ProtocolError], str, object, object]] = [
     (READ_LAYOUT, (32, 1, 0, 0, 0), AddressError, "protocols.sunfar.address_range", 31, 32),
     (READ_LAYOUT, (30, 1, 7, 0, 0), CodeError, "protocols.sunfar.operation", ("00-06", "10-16", "20", "21"), 7),
     (READ_LAYOUT, (30, 1, 0, 15, 0), UnknownItemError, "protocols.sunfar.unused.group", 0, 15),
@@ -111,7 +112,7 @@ UNHEARD: list[tuple[FrameLayout, tuple[int, ...], type[ProtocolError], str, obje
 
 
 @both
-@pytest.mark.parametrize(("layout", "values", "kind", "key", "expected", "found"), UNHEARD)
+@pytest.mark.parametrize(("layout", "values", "kind", "key", "expected", "found"), REJECTED_REQUESTS)
 def test_a_station_rejects_with_key_and_both_numbers_and_answers_whom_it_can(
     encoding: Encoding,
     layout: FrameLayout,
@@ -164,17 +165,19 @@ def test_an_unknown_class_is_waited_for_length_by_length(encoding: Encoding) -> 
     )
 
 
-ASKED = sunfar.SunfarReadParameter(5, 1, 10)
-SAVED, TO_ALL = sunfar.SunfarWriteParameter(5, 1, 2, 7, save=True), sunfar.SunfarControl(31, SunfarOperation.STOP)
-UNBELIEVED: list[
+READ = sunfar.SunfarReadParameter(5, 1, 10)
+WRITE, SAVE = (sunfar.SunfarWriteParameter(5, 1, 2, 7, save=save) for save in (False, True))
+STOP, STOP_ALL = (sunfar.SunfarControl(address, SunfarOperation.STOP) for address in (5, 31))
+REPLY = SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=1, item=10, data=0)
+REJECTED_REPLIES: list[
     tuple[sunfar.SunfarRequest, FrameLayout, tuple[int, ...], type[ProtocolError], str, object, object, int]
 ] = [
-    (ASKED, WRITE_LAYOUT, (6, 0, 3, 1, 10, 0), AddressError, "protocols.address", 5, 6, 18),
-    (ASKED, SHORT_LAYOUT, (4, 6, 0), AddressError, "protocols.address", 5, 4, 11),
-    (ASKED, WRITE_LAYOUT, (5, 5, 3, 1, 10, 0), CodeError, "protocols.sunfar.response", ("0-4", "6-8"), 5, 0),
-    (ASKED, WRITE_LAYOUT, (5, 9, 3, 1, 10, 0), CodeError, "protocols.sunfar.response", ("0-4", "6-8"), 9, 0),
+    (READ, WRITE_LAYOUT, (6, 0, 3, 1, 10, 0), AddressError, "protocols.address", 5, 6, 18),
+    (READ, SHORT_LAYOUT, (4, 6, 0), AddressError, "protocols.address", 5, 4, 11),
+    (READ, WRITE_LAYOUT, (5, 5, 3, 1, 10, 0), CodeError, "protocols.sunfar.response", ("0-4", "6-8"), 5, 0),
+    (READ, WRITE_LAYOUT, (5, 9, 3, 1, 10, 0), CodeError, "protocols.sunfar.response", ("0-4", "6-8"), 9, 0),
     (
-        ASKED,
+        READ,
         WRITE_LAYOUT,
         (5, 0, 6, 1, 10, 0),
         CodeError,
@@ -183,9 +186,9 @@ UNBELIEVED: list[
         6,
         0,
     ),
-    (ASKED, SHORT_LAYOUT, (5, 7, 1), CodeError, "protocols.sunfar.short_state", 0, 1, 0),
-    (ASKED, WRITE_LAYOUT, (5, 0, 3, 2, 10, 0), EchoError, "protocols.sunfar.echo.group", 1, 2, 0),
-    (ASKED, WRITE_LAYOUT, (5, 0, 3, 1, 11, 0), EchoError, "protocols.sunfar.echo.item", 10, 11, 0),
+    (READ, SHORT_LAYOUT, (5, 7, 1), CodeError, "protocols.sunfar.short_state", 0, 1, 0),
+    (READ, WRITE_LAYOUT, (5, 0, 3, 2, 10, 0), EchoError, "protocols.sunfar.echo.group", 1, 2, 0),
+    (READ, WRITE_LAYOUT, (5, 0, 3, 1, 11, 0), EchoError, "protocols.sunfar.echo.item", 10, 11, 0),
     (sunfar.ReadMonitor(5, 3), WRITE_LAYOUT, (5, 0, 3, 1, 3, 0), EchoError, "protocols.sunfar.echo.group", 0, 1, 0),
     (sunfar.ReadMonitor(5, 3), WRITE_LAYOUT, (5, 0, 3, 0, 4, 0), EchoError, "protocols.sunfar.echo.item", 3, 4, 0),
     (sunfar.ReadIdentity(5, 2), IDENTITY_LAYOUT, (6, 0, 3, 2, 0, 0, 0), AddressError, "protocols.address", 5, 6, 18),
@@ -199,76 +202,22 @@ UNBELIEVED: list[
         1,
         0,
     ),
-    (
-        sunfar.SunfarControl(5, SunfarOperation.STOP),
-        WRITE_LAYOUT,
-        (5, 0, 3, 1, 0, 0),
-        EchoError,
-        "protocols.sunfar.echo.group",
-        0,
-        1,
-        0,
-    ),
-    (
-        sunfar.SunfarWriteParameter(5, 1, 2, 7),
-        WRITE_LAYOUT,
-        (5, 0, 3, 1, 2, 8),
-        EchoError,
-        "protocols.sunfar.echo.data",
-        7,
-        8,
-        0,
-    ),
-    (
-        sunfar.SunfarWriteParameter(5, 1, 2, 7),
-        WRITE_LAYOUT,
-        (5, 3, 0, 1, 2, 7),
-        EchoError,
-        "protocols.sunfar.own_echo",
-        0,
-        7,
-        0,
-    ),
-    (SAVED, WRITE_LAYOUT, (5, 3, 0, 1, 2, 7), EchoError, "protocols.sunfar.refused_data", 0, 7, 0),
-    (
-        sunfar.SunfarWriteParameter(5, 1, 2, 7),
-        WRITE_LAYOUT,
-        (5, 3, 3, 1, 2, 7),
-        EchoError,
-        "protocols.sunfar.refused_data",
-        0,
-        7,
-        0,
-    ),
-    (
-        sunfar.SunfarWriteParameter(5, 1, 2, 7),
-        WRITE_LAYOUT,
-        (5, 2, 0, 1, 2, 7),
-        EchoError,
-        "protocols.sunfar.refused_data",
-        0,
-        7,
-        0,
-    ),
-    (
-        sunfar.SunfarWriteParameter(5, 1, 2, 7),
-        WRITE_LAYOUT,
-        (5, 3, 0, 1, 2, 8),
-        EchoError,
-        "protocols.sunfar.refused_data",
-        0,
-        8,
-        0,
-    ),
-    (TO_ALL, WRITE_LAYOUT, (5, 0, 3, 0, 0, 0), AddressError, "protocols.sunfar.broadcast_answered", 30, 5, 0),
+    (STOP, WRITE_LAYOUT, (5, 0, 3, 1, 0, 0), EchoError, "protocols.sunfar.echo.group", 0, 1, 0),
+    (WRITE, WRITE_LAYOUT, (5, 0, 3, 1, 2, 8), EchoError, "protocols.sunfar.echo.data", 7, 8, 0),
+    (WRITE, WRITE_LAYOUT, (5, 3, 0, 1, 2, 7), EchoError, "protocols.sunfar.own_echo", 0, 7, 0),
+    (SAVE, WRITE_LAYOUT, (5, 3, 0, 1, 2, 7), EchoError, "protocols.sunfar.refused_data", 0, 7, 0),
+    (WRITE, WRITE_LAYOUT, (5, 3, 3, 1, 2, 7), EchoError, "protocols.sunfar.refused_data", 0, 7, 0),
+    (WRITE, WRITE_LAYOUT, (5, 2, 0, 1, 2, 7), EchoError, "protocols.sunfar.refused_data", 0, 7, 0),
+    (WRITE, WRITE_LAYOUT, (5, 3, 0, 1, 2, 8), EchoError, "protocols.sunfar.refused_data", 0, 8, 0),
+    (STOP_ALL, WRITE_LAYOUT, (5, 0, 3, 0, 0, 0), AddressError, "protocols.sunfar.broadcast_answered", 30, 5, 0),
 ]
 
 
 @both
-@pytest.mark.parametrize(("asked", "layout", "values", "kind", "key", "expected", "found", "size"), UNBELIEVED)
+@pytest.mark.parametrize(("sent", "layout", "values", "kind", "key", "expected", "found", "size"), REJECTED_REPLIES)
 def test_a_host_rejects_with_key_and_both_numbers(
     encoding: Encoding,
-    asked: Any,
+    sent: Any,
     layout: FrameLayout,
     values: tuple[int, ...],
     kind: Any,
@@ -279,14 +228,14 @@ def test_a_host_rejects_with_key_and_both_numbers(
 ) -> None:
     data = BUILD[encoding].build(layout, *values)
     with pytest.raises(kind) as caught:
-        CODECS[encoding].decode_reply(asked, data + b"\x00")
+        CODECS[encoding].decode_reply(sent, data + b"\x00")
     error = caught.value
     assert (error.key, error.expected, error.found, error.size) == (key, expected, found, size)
 
 
 @both
 def test_a_rejection_without_data_is_a_reply_whatever_its_code(encoding: Encoding) -> None:
-    codec, asked = CODECS[encoding], sunfar.SunfarWriteParameter(5, 1, 2, 7)
+    codec, sent = CODECS[encoding], WRITE
     for response in (
         SunfarResponse.OUT_OF_RANGE,
         SunfarResponse.RUNNING,
@@ -294,32 +243,26 @@ def test_a_rejection_without_data_is_a_reply_whatever_its_code(encoding: Encodin
         SunfarResponse.RESERVED,
     ):
         reply = SunfarReply(address=5, response=response, state=SunfarState.STOPPED, group=1, item=2, data=0)
-        assert codec.decode_reply(asked, codec.encode_reply(reply)) == Complete(reply, 18)
+        assert codec.decode_reply(sent, codec.encode_reply(reply)) == Complete(reply, 18)
     for response in (SunfarResponse.BAD_CODE, SunfarResponse.BAD_ASCII, SunfarResponse.BAD_COMMAND):
         reply = SunfarReply(address=5, response=response)
-        assert codec.decode_reply(asked, codec.encode_reply(reply)) == Complete(reply, 11)
+        assert codec.decode_reply(sent, codec.encode_reply(reply)) == Complete(reply, 11)
 
 
 @both
 def test_the_length_of_a_reply_is_decided_by_its_fourth_byte(encoding: Encoding) -> None:
     codec = CODECS[encoding]
-    full, short = (
-        codec.encode_reply(
-            SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=1, item=10, data=0)
-        ),
-        codec.encode_reply(SunfarReply(address=5, response=SunfarResponse.BAD_CODE)),
-    )
-    assert [codec.decode_reply(ASKED, full[:end]).need for end in range(18)] == [11] * 4 + [18] * 14
-    assert [codec.decode_reply(ASKED, short[:end]).need for end in range(11)] == [11] * 11
+    full = codec.encode_reply(REPLY)
+    short = codec.encode_reply(SunfarReply(address=5, response=SunfarResponse.BAD_CODE))
+    assert [codec.decode_reply(READ, full[:end]).need for end in range(18)] == [11] * 4 + [18] * 14
+    assert [codec.decode_reply(READ, short[:end]).need for end in range(11)] == [11] * 11
 
 
 @both
 def test_head_sum_and_end_mark_are_rejected_with_both_numbers(encoding: Encoding) -> None:
     codec = CODECS[encoding]
     head = {"ascii": 0x2A, "hex": 0x5A}[encoding]
-    full = codec.encode_reply(
-        SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=1, item=10, data=0)
-    )
+    full = codec.encode_reply(REPLY)
     total = sum(full[1:-5])
     other = (b"%04X" % (total ^ 1)) if encoding == "ascii" else (total ^ 1).to_bytes(4, "big")
     for data, kind, key, expected, found in (
@@ -328,7 +271,7 @@ def test_head_sum_and_end_mark_are_rejected_with_both_numbers(encoding: Encoding
         (full[:-5] + other + b"\r", ChecksumError, "protocols.checksum", total, total ^ 1),
     ):
         with pytest.raises(kind) as caught:
-            codec.decode_reply(ASKED, data)
+            codec.decode_reply(READ, data)
         assert (caught.value.key, caught.value.expected, caught.value.found) == (key, expected, found)
         if kind is TerminatorError:
             assert caught.value.params["position"] == 17
@@ -336,28 +279,24 @@ def test_head_sum_and_end_mark_are_rejected_with_both_numbers(encoding: Encoding
 
 @pytest.mark.parametrize("place", [1, 2, 4, 9, 13, 16])
 def test_the_place_of_a_byte_that_is_no_ascii_digit_is_reported(place: int) -> None:
-    full = CODECS["ascii"].encode_reply(
-        SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=1, item=10, data=0)
-    )
+    full = CODECS["ascii"].encode_reply(REPLY)
     with pytest.raises(AlphabetError) as caught:
-        CODECS["ascii"].decode_reply(ASKED, spoiled(full, place, ord("g")))
+        CODECS["ascii"].decode_reply(READ, spoiled(full, place, ord("g")))
     assert (caught.value.found, caught.value.params["position"]) == (ord("g"), place)
     with pytest.raises(AlphabetError) as caught:
-        CODECS["ascii"].decode_reply(ASKED, spoiled(full, 3, ord("g")))
+        CODECS["ascii"].decode_reply(READ, spoiled(full, 3, ord("g")))
     assert caught.value.params["position"] == 3
 
 
 @pytest.mark.parametrize(("place", "byte"), [(1, 1), (4, 0x10), (6, 0x10), (7, 1), (9, 1), (10, 255)])
 def test_the_place_of_a_bit_that_a_packed_field_leaves_0_is_reported(place: int, byte: int) -> None:
-    full = CODECS["hex"].encode_reply(
-        SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=1, item=10, data=0)
-    )
+    full = CODECS["hex"].encode_reply(REPLY)
     with pytest.raises(AlphabetError) as caught:
-        CODECS["hex"].decode_reply(ASKED, spoiled(full, place, byte))
+        CODECS["hex"].decode_reply(READ, spoiled(full, place, byte))
     assert (caught.value.key, caught.value.expected) == ("protocols.sunfar.stray", 0)
     assert (caught.value.found, caught.value.params["position"]) == (byte, place)
     with pytest.raises(AlphabetError) as caught:
-        CODECS["hex"].decode_reply(ASKED, spoiled(full, 3, 0x10))
+        CODECS["hex"].decode_reply(READ, spoiled(full, 3, 0x10))
     assert (caught.value.key, caught.value.expected, caught.value.found) == ("protocols.sunfar.digit", 15, 16)
     assert caught.value.params["position"] == 3
 
@@ -395,17 +334,8 @@ def test_the_enumerated_values_are_those_of_the_manual() -> None:
     assert [int(one) for one in SunfarOperation] == [*range(7), *range(0x10, 0x17), 0x20, 0x21]
     assert [int(one) for one in SunfarState] == [*range(6), *range(0x11, 0x17), 0x20, 0x21]
     assert [int(one) for one in SunfarResponse] == [0, 1, 2, 3, 4, 6, 7, 8]
-    assert (
-        SunfarOperation.STOP,
-        SunfarOperation.RUN_FORWARD,
-        SunfarOperation.EMERGENCY_STOP,
-        SunfarOperation.RESET_FAULT,
-    ) == (
-        3,
-        1,
-        0x21,
-        0x20,
-    )
+    assert (SunfarOperation.STOP, SunfarOperation.RUN_FORWARD) == (3, 1)
+    assert (SunfarOperation.EMERGENCY_STOP, SunfarOperation.RESET_FAULT) == (0x21, 0x20)
     assert [one for one in SunfarOperation if one.sets_frequency] == list(range(0x10, 0x17))
     assert [one for one in SunfarResponse if one.is_short] == [6, 7, 8]
     assert sunfar.BROADCAST == 31
@@ -427,21 +357,17 @@ def test_a_codec_names_its_family_and_encoding() -> None:
 @pytest.mark.parametrize("place", range(-5, -1))
 def test_every_byte_of_a_packed_sum_counts_also_where_nibbles_are_read(place: int) -> None:
     codec = SunfarCodec("hex", nibble=True)
-    full = codec.encode_reply(
-        SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=1, item=10, data=0)
-    )
-    assert codec.decode_reply(ASKED, full) == Complete(
-        SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=1, item=10, data=0), 18
-    )
+    full = codec.encode_reply(REPLY)
+    assert codec.decode_reply(READ, full) == Complete(REPLY, 18)
     with pytest.raises(ProtocolError):
-        codec.decode_reply(ASKED, spoiled(full, place, full[place] ^ 1))
+        codec.decode_reply(READ, spoiled(full, place, full[place] ^ 1))
 
 
 def test_a_one_byte_field_is_one_digit_also_where_nibbles_are_read() -> None:
     body = bytes((0, 5, 0, 0, 3, 0x10, 0, 10, 0, 0, 0, 0))
     frame = b"Z" + body + sum(body).to_bytes(4, "big") + b"\r"
     with pytest.raises(AlphabetError) as caught:
-        SunfarCodec("hex", nibble=True).decode_reply(ASKED, frame)
+        SunfarCodec("hex", nibble=True).decode_reply(READ, frame)
     assert (caught.value.key, caught.value.expected, caught.value.found) == ("protocols.sunfar.digit", 15, 16)
     assert caught.value.params["position"] == 6
 
@@ -468,35 +394,24 @@ def test_an_identity_has_six_digits(encoding: Encoding, info: str) -> None:
 
 @both
 def test_a_full_reply_needs_all_its_fields(encoding: Encoding) -> None:
-    for reply, sentence in (
-        (
-            SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=None, item=0, data=0),
-            "a full reply has a state and a group",
-        ),
-        (
-            SunfarReply(address=5, response=SunfarResponse.OK, state=None, group=0, item=0, data=0),
-            "a full reply has a state and a group",
-        ),
-        (
-            SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=0, item=None, data=0),
-            "a full reply has data and an item, or in a fault its code",
-        ),
-        (
-            SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=0, item=0, data=None),
-            "a full reply has data and an item, or in a fault its code",
-        ),
-        (
-            SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.FAULT, group=0, item=7, data=0),
-            "a full reply has data and an item, or in a fault its code",
-        ),
+    no_group, no_data = (
+        "a full reply has a state and a group",
+        "a full reply has data and an item, or in a fault its code",
+    )
+    for change, sentence in (
+        ({"group": None}, no_group),
+        ({"state": None}, no_group),
+        ({"item": None}, no_data),
+        ({"data": None}, no_data),
+        ({"state": SunfarState.FAULT, "item": 7}, no_data),
     ):
         with pytest.raises(ValueError, match=f"^{sentence}$"):
-            CODECS[encoding].encode_reply(reply)
+            CODECS[encoding].encode_reply(replace(REPLY, **change))
 
 
 @pytest.mark.parametrize(("place", "address"), [(1, None), (2, None), (5, 5), (6, 5)])
 def test_a_station_complains_of_a_bad_digit_in_its_own_name_or_not_at_all(place: int, address: int | None) -> None:
-    data = CODECS["ascii"].encode_request(ASKED)
+    data = CODECS["ascii"].encode_request(READ)
     with pytest.raises(AlphabetError) as caught:
         CODECS["ascii"].decode_request(spoiled(data, place, ord("g")))
     assert (caught.value.params["position"], caught.value.params["address"]) == (place, address)

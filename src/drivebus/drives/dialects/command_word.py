@@ -29,7 +29,7 @@ class CommandBits:
         self._holds: frozenset[str] | None = None if HOLD_BITS & commands.bits.keys() else frozenset()
         """Holds that were sent and that no accepted word has ended; None: any, as long as nothing was read or sent."""
         self._last_was_edge = False
-        """The last word that left began something: what follows it completes that, and takes nothing away."""
+        """The last word that was sent held a start or reset: the next one completes that edge, and so is no stop."""
 
     def active_names(self, word: int) -> frozenset[str]:
         """Return the bits and field values in a word; those whose value is 0 are not counted."""
