@@ -210,8 +210,8 @@ class BusCore:
 
     def presence(self, address: int) -> Presence:
         """Return whether a station replies. Raises KeyError for an address that is not registered."""
-        found = self.stations[address].state.presence
-        return Presence.OFFLINE if found is Presence.ONLINE and not self.is_open else found
+        presence = self.stations[address].state.presence
+        return Presence.OFFLINE if presence is Presence.ONLINE and not self.is_open else presence
 
     def unusable_reply(self, address: int) -> Exception | None:
         """Return what a station that is not online sends in place of a reply, None for silence. Raises KeyError."""

@@ -293,16 +293,16 @@ class Station:
     def encode(self, request: Any, settings: SerialSettings) -> EncodedRequest:
         """Return the encoded request, cached for reads. Raises ValueError for a field out of range."""
         try:
-            found = self.encode_cache.get(request)
+            encoded = self.encode_cache.get(request)
         except TypeError:  # a request that can't be hashed
             return self._encode(request, settings)
-        if found is None:
-            found = self._encode(request, settings)
-            if found.cacheable:
+        if encoded is None:
+            encoded = self._encode(request, settings)
+            if encoded.cacheable:
                 if len(self.encode_cache) >= ENCODE_CACHE_SIZE:
                     self.encode_cache.clear()
-                self.encode_cache[request] = found
-        return found
+                self.encode_cache[request] = encoded
+        return encoded
 
     def _encode(self, request: Any, settings: SerialSettings) -> EncodedRequest:
         codec, timing = self.codec, self.config.timing

@@ -166,13 +166,13 @@ async def check_reply_times(session: AcceptanceSession) -> StepOutcome:
     """Measure the reply times and failures of 300 reads."""
     async with session.drive() as (bus, drive):
         await session.race(_send_reads(bus, drive, TIMING_READS))
-        found = bus.statistics().stations[drive.address]
+        statistics = bus.statistics().stations[drive.address]
     figures: dict[str, Any] = {
-        f"reply_{name}_ms": _ms(getattr(found, f"reply_{name}_s")) for name in ("p50", "p95", "p99")
+        f"reply_{name}_ms": _ms(getattr(statistics, f"reply_{name}_s")) for name in ("p50", "p95", "p99")
     }
-    figures |= {"reads": found.transactions, "damaged": found.damaged, "errors": dict(found.errors)}
+    figures |= {"reads": statistics.transactions, "damaged": statistics.damaged, "errors": dict(statistics.errors)}
     figures["least_possible_ms"] = _ms(_min_reply_s(bus, drive))
-    return found.error_rate <= FAILED_SHARE_MAX and found.replies >= TIMING_READS, figures
+    return statistics.error_rate <= FAILED_SHARE_MAX and statistics.replies >= TIMING_READS, figures
 
 
 async def check_stray_replies(session: AcceptanceSession) -> StepOutcome:

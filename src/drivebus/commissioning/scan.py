@@ -189,10 +189,10 @@ async def _run_pass(
             probed = _ProbedAddress(
                 bus=bus, scan_pass=scan_pass, noise_ends_at=planned_end + progress.noise_allowance_s
             )
-            found = await _probe_address(probed, address)
-            if found is not None:
-                progress.found.append(found)
-            if found is None or not found.valid_reply:
+            detected = await _probe_address(probed, address)
+            if detected is not None:
+                progress.found.append(detected)
+            if detected is None or not detected.valid_reply:
                 progress.noise_s += max(0.0, bus.now() - planned_end)
             progress.unsent += probed.unsent
             progress.done_s += scan_pass.probe_s

@@ -45,22 +45,22 @@ class Calibration:
         step = calibration_step(self._dialect, name)
         with self._runner.command() as op:
             operation = step.operation(op, **inputs)
-            found = await (self._run_motion(op, operation) if step.moves else self._runner.run(operation))
+            result = await (self._run_motion(op, operation) if step.moves else self._runner.run(operation))
             if step.observation_question is not None and observe is not None:
                 observed = await observe()
-                found = replace(found, options={} if observed is None else step.options_observed(observed))
-            for option, value in found.options.items():
+                result = replace(result, options={} if observed is None else step.options_observed(observed))
+            for option, value in result.options.items():
                 await self._save(option, value)
-        return found
+        return result
 
     async def _run_motion(
         self, op: OperationContext, operation: DriveOperation[CalibrationResult]
     ) -> CalibrationResult:
         with self._stops.stop_on_failure(op):
-            found = await self._stops.run_motion(operation)
-            if found.outcome is not None:
-                raise_for_status(found.outcome)
-        return found
+            result = await self._stops.run_motion(operation)
+            if result.outcome is not None:
+                raise_for_status(result.outcome)
+        return result
 
     async def _save(self, option: str, value: Any) -> None:
         self._dialect.set_option(option, value)

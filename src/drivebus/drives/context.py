@@ -92,9 +92,9 @@ class DriveLimits:
     eeprom_writes_per_day: int = DEFAULT_EEPROM_WRITES_PER_DAY  # per parameter, counted over restarts; 0: never
 
     def __post_init__(self) -> None:
-        found = self.eeprom_writes_per_day
-        if type(found) is not int or found < 0:
-            raise ConfigurationError("drives.eeprom_writes_per_day", found=found)
+        budget = self.eeprom_writes_per_day
+        if type(budget) is not int or budget < 0:
+            raise ConfigurationError("drives.eeprom_writes_per_day", found=budget)
 
 
 @dataclass(frozen=True, slots=True)

@@ -92,14 +92,16 @@ class FileStore:
 
     def _read(self) -> dict[str, str]:
         try:
-            found: Any = json.loads(self.path.read_text(encoding="utf-8"))
+            document: Any = json.loads(self.path.read_text(encoding="utf-8"))
         except FileNotFoundError:
             return {}
         except (OSError, ValueError, RecursionError) as error:  # not UTF-8 is a ValueError too
             raise ConfigurationError(
                 "drives.store_unreadable", file=str(self.path), problem=SystemReason(error)
             ) from error
-        values = found.get("values") if isinstance(found, dict) and found.get("format") == STORE_FORMAT else None
+        values = (
+            document.get("values") if isinstance(document, dict) and document.get("format") == STORE_FORMAT else None
+        )
         if not isinstance(values, dict) or not all(isinstance(v, str) for v in values.values()):
             problem = ConfigurationError("drives.store_format", format=STORE_FORMAT)
             raise ConfigurationError("drives.store_unreadable", file=str(self.path), problem=problem)

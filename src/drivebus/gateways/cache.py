@@ -114,10 +114,10 @@ class TopicCache:
     def part(self, topic: str, keys: set[str], signals: set[str]) -> Json:
         """Return some keys of a topic, and of ``signals`` only those named."""
         content = self.topics[topic]
-        found = {key: content[key] for key in content if key in keys}
-        if "signals" in found:
-            found["signals"] = {name: value for name, value in content["signals"].items() if name in signals}
-        return found
+        part = {key: content[key] for key in content if key in keys}
+        if "signals" in part:
+            part["signals"] = {name: value for name, value in content["signals"].items() if name in signals}
+        return part
 
     def _append(self, topic: str, items: list[Json], change: TopicChange) -> None:
         """Append new items. Frames are numbered: those of a new snapshot that are known already are left out."""

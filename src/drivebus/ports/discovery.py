@@ -121,11 +121,11 @@ def _udev_links(folder: Path) -> dict[str, str]:
 
 def device_users(devices: Collection[str]) -> dict[str, list[DeviceUser]]:
     """Return the processes that have each device (real path) open, as far as this user may see them."""
-    found: dict[str, list[DeviceUser]] = {device: [] for device in devices}
+    users: dict[str, list[DeviceUser]] = {device: [] for device in devices}
     for pid in _pids():
-        for device in _open_files(pid) & found.keys():
-            found[device].append(DeviceUser(pid, process_name(pid)))
-    return found
+        for device in _open_files(pid) & users.keys():
+            users[device].append(DeviceUser(pid, process_name(pid)))
+    return users
 
 
 def lock_holder(device: str) -> DeviceUser | None:

@@ -230,16 +230,16 @@ class Rfc2217Port:
         """Note the settings not acknowledged. Raises PortUnavailable for one acknowledged with another value."""
         missing = []
         for command, value in commands.items():
-            name, found = SETTING_NAMES[command], self._telnet.acknowledged.get(command)
-            if found is None:
+            name, acknowledged = SETTING_NAMES[command], self._telnet.acknowledged.get(command)
+            if acknowledged is None:
                 missing.append(name)
-            elif found != value:
+            elif acknowledged != value:
                 raise PortUnavailable(
                     "ports.rfc2217_value",
                     port=self.identity,
                     name=name,
                     expected=int.from_bytes(value),
-                    found=int.from_bytes(found),
+                    found=int.from_bytes(acknowledged),
                 )
         return (PortNote("ports.rfc2217_unacknowledged", {"names": tuple(missing)}),) if missing else ()
 

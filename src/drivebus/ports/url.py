@@ -77,10 +77,10 @@ class PortUrl:
     def choice(self, name: str, allowed: Iterable[str], default: str) -> str:
         """Return an option that is one of ``allowed``. Raises PortUrlError."""
         allowed = tuple(allowed)
-        found = self.options.get(name, default).lower()
-        if found not in allowed:
-            raise PortUrlError("ports.option", port=self.text, name=name, found=found, expected=allowed)
-        return found
+        text = self.options.get(name, default).lower()
+        if text not in allowed:
+            raise PortUrlError("ports.option", port=self.text, name=name, found=text, expected=allowed)
+        return text
 
     def echo(self) -> EchoSetting:
         """Return the option ``echo``. Raises PortUrlError."""
@@ -89,20 +89,20 @@ class PortUrl:
 
     def flag(self, name: str) -> bool:
         """Return an option that is on or off, off where it is not given. Raises PortUrlError."""
-        found = self.options.get(name, "off")
-        if found.lower() not in _BOOLEAN_WORDS:
-            raise PortUrlError("ports.option", port=self.text, name=name, found=found, expected=("on", "off"))
-        return _BOOLEAN_WORDS[found.lower()]
+        text = self.options.get(name, "off")
+        if text.lower() not in _BOOLEAN_WORDS:
+            raise PortUrlError("ports.option", port=self.text, name=name, found=text, expected=("on", "off"))
+        return _BOOLEAN_WORDS[text.lower()]
 
     def number(self, name: str, default: float, lowest: float, highest: float) -> float:
         """Return an option that is a number within limits. Raises PortUrlError."""
-        found = self.options.get(name)
-        if found is None:
+        text = self.options.get(name)
+        if text is None:
             return default
-        value = _float(found)
+        value = _float(text)
         if value is None or not lowest <= value <= highest:
             raise PortUrlError(
-                "ports.option", port=self.text, name=name, found=found, expected=f"{lowest:g} … {highest:g}"
+                "ports.option", port=self.text, name=name, found=text, expected=f"{lowest:g} … {highest:g}"
             )
         return value
 

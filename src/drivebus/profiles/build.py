@@ -186,10 +186,12 @@ def _uncertain_reason(parsed: ValueIn) -> str | None:
 
 
 def _build_preconditions(parsed: ProfileIn, unplaced: Mapping[str, m.UnplacedParameter]) -> tuple[m.Precondition, ...]:
-    reasons = {notation: one.reason for notation, one in unplaced.items()}
+    reasons = {notation: parameter.reason for notation, parameter in unplaced.items()}
     return tuple(
-        m.Precondition(notation, tuple(wanted.accepted), Text.from_mapping(wanted.keypad), reasons.get(notation))
-        for notation, wanted in parsed.preconditions.items()
+        m.Precondition(
+            notation, tuple(precondition.accepted), Text.from_mapping(precondition.keypad), reasons.get(notation)
+        )
+        for notation, precondition in parsed.preconditions.items()
     )
 
 

@@ -86,10 +86,10 @@ def _check_whole_words(profile: ProfileIn) -> Iterator[Issue]:
             layers.append(plain | {name: ((*path, name), bit) for name, bit in bits.items()})
     reported: set[KeyPath] = set()
     for placed in layers:
-        for found in (*_find_toggles(placed), *_find_identical_commands(placed), *_find_moving_stops(placed)):
-            if found.path not in reported:
-                reported.add(found.path)
-                yield found
+        for problem in (*_find_toggles(placed), *_find_identical_commands(placed), *_find_moving_stops(placed)):
+            if problem.path not in reported:
+                reported.add(problem.path)
+                yield problem
 
 
 def _find_toggles(placed: BitPaths) -> Iterator[Issue]:

@@ -31,18 +31,18 @@ def next_grade(profile: DriveProfile) -> str | None:
 
 def lacks(profile: DriveProfile) -> list[Lack]:
     """Return what the next grade asks for and the file alone can't show, and the facts that rest on assumptions."""
-    found: list[Lack] = []
+    lacking: list[Lack] = []
     assumed = [name for name, evidence in _facts(profile) if evidence.kind == "assumed"]
     if profile.grade == "draft":
-        found += [Lack("vectors", {"model": profile.model}), Lack("station"), Lack("second_source")]
+        lacking += [Lack("vectors", {"model": profile.model}), Lack("station"), Lack("second_source")]
     if profile.grade == "simulated":
-        found.append(Lack("hardware"))
+        lacking.append(Lack("hardware"))
     if assumed and profile.grade != "verified":
-        found.append(Lack("assumed", {"count": len(assumed), "names": tuple(assumed)}))
+        lacking.append(Lack("assumed", {"count": len(assumed), "names": tuple(assumed)}))
     questions = [question.name for question in profile.open_questions]
     if questions and profile.grade != "verified":
-        found.append(Lack("questions", {"count": len(questions), "names": tuple(questions)}))
-    return found
+        lacking.append(Lack("questions", {"count": len(questions), "names": tuple(questions)}))
+    return lacking
 
 
 def _facts(profile: DriveProfile) -> Iterator[tuple[str, Evidence]]:

@@ -542,8 +542,12 @@ class DriveProfile:
 
     def command_locators(self) -> frozenset[Locator]:
         """Return the addresses of the command word; none where the family has frames of its own for commands."""
-        found = self.commands
-        return frozenset((found.space, found.register + n) for n in range(found.words)) if found else frozenset()
+        commands = self.commands
+        return (
+            frozenset((commands.space, commands.register + n) for n in range(commands.words))
+            if commands
+            else frozenset()
+        )
 
     def setpoint_locators(self) -> frozenset[Locator]:
         """Return the addresses of the set frequency beside the command word."""

@@ -89,8 +89,8 @@ def find_entry(profile: DriveProfile, name: str) -> Signal | Parameter:
         if error.key != "profiles.notation":
             raise
         raise _unknown_name_error(profile, name) from None
-    found = _find_listed(profile, locator) or _find_by_notation(profile, name)
-    return found or _unlisted_parameter(profile, name, locator)
+    listed = _find_listed(profile, locator) or _find_by_notation(profile, name)
+    return listed or _unlisted_parameter(profile, name, locator)
 
 
 def _style(rule: NotationRule) -> NotationStyle:

@@ -85,11 +85,11 @@ def canonical_digits(digits: bytes, table: bytes = STRICT_HEX_DIGITS, start: int
 
     Raises AlphabetError with the first bad byte and its position (counted from ``start``).
     """
-    found = digits.translate(table)
-    if _NOT_A_DIGIT in found:
-        at = found.index(_NOT_A_DIGIT)
+    canonical = digits.translate(table)
+    if _NOT_A_DIGIT in canonical:
+        at = canonical.index(_NOT_A_DIGIT)
         raise AlphabetError("protocols.alphabet", expected="0-9 A-F", found=digits[at], position=start + at)
-    return found
+    return canonical
 
 
 def hex_value(digits: bytes, table: bytes = STRICT_HEX_DIGITS, start: int = 0) -> int:
@@ -99,11 +99,11 @@ def hex_value(digits: bytes, table: bytes = STRICT_HEX_DIGITS, start: int = 0) -
 
 def decimal_value(digits: bytes, start: int = 0) -> int:
     """Return the number in ASCII decimal digits. Raises AlphabetError for anything but 0-9."""
-    found = digits.translate(DECIMAL_DIGITS)
-    if _NOT_A_DIGIT in found:
-        at = found.index(_NOT_A_DIGIT)
+    canonical = digits.translate(DECIMAL_DIGITS)
+    if _NOT_A_DIGIT in canonical:
+        at = canonical.index(_NOT_A_DIGIT)
         raise AlphabetError("protocols.alphabet", expected="0-9", found=digits[at], position=start + at)
-    return int(found)
+    return int(canonical)
 
 
 def hex_bytes(digits: bytes, *, start: int = 0) -> bytes:

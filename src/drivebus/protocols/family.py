@@ -118,14 +118,14 @@ def protocol_family(name: str) -> ProtocolFamily:
 
 def protocol_families() -> tuple[ProtocolFamily, ...]:
     """Return every family: built-in ones first. One that can't be imported is left out."""
-    found = _built_in() | _registered
+    families = _built_in() | _registered
     for point in _entry_points():
-        if point.name not in found:
+        if point.name not in families:
             try:
-                found[point.name] = _load(point)
+                families[point.name] = _load(point)
             except ConfigurationError:
                 continue
-    return tuple(found.values())
+    return tuple(families.values())
 
 
 def common_scan_models() -> tuple[str, ...]:

@@ -166,11 +166,11 @@ class Wire:
 
     def silent_since(self, now: float) -> float:
         """Return the time at which the last bit that began before ``now`` ends."""
-        found: float | None = None
+        end: float | None = None
         for recent in self._recent:
-            if recent.start < now - _EPSILON_S and (found is None or recent.end > found):
-                found = recent.end
-        return self._last_end if found is None else found
+            if recent.start < now - _EPSILON_S and (end is None or recent.end > end):
+                end = recent.end
+        return self._last_end if end is None else end
 
     def next_event_at(self) -> float | None:
         """Return the time of the next event."""

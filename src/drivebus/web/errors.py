@@ -95,12 +95,12 @@ def _status_by_name(name: str) -> int:
 
 def error_headers(error: DrivebusError) -> dict[str, str]:
     """Return ``Allow`` (RFC 9110, 15.5.6) and ``Retry-After`` in whole seconds, where the error has them."""
-    found = {}
+    headers = {}
     if "allowed" in error.params:
-        found["Allow"] = ", ".join(error.params["allowed"])
+        headers["Allow"] = ", ".join(error.params["allowed"])
     if error.params.get("retry_s") is not None:
-        found["Retry-After"] = str(int(error.params["retry_s"]) + 1)
-    return found
+        headers["Retry-After"] = str(int(error.params["retry_s"]) + 1)
+    return headers
 
 
 async def send_error(send: Send, error: DrivebusError) -> None:

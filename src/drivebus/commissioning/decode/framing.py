@@ -56,24 +56,24 @@ def split_frames(capture: Capture, all_modbus: bool = False) -> list[CapturedFra
 
 def _join_records(capture: Capture) -> list[CapturedFrame]:
     """Join received records with short gaps to frames; each sent record is a frame."""
-    found: list[CapturedFrame] = []
+    frames: list[CapturedFrame] = []
     events: list[str] = []
     settings = capture.header.settings
     for record in capture.records:
         if isinstance(record, EventRecord):
             events.append(_event_text(record))
             settings = _settings_after(record, settings)
-        elif found and not events and _continues(found[-1], record, settings):
-            last, at = found[-1], record.time_s
-            found[-1] = replace(
+        elif frames and not events and _continues(frames[-1], record, settings):
+            last, at = frames[-1], record.time_s
+            frames[-1] = replace(
                 last, data=last.data + record.data, line_errors=last.line_errors + record.line_errors, end_s=at
             )
         else:
-            found.append(_new_frame(record, tuple(events)))
+            frames.append(_new_frame(record, tuple(events)))
             events = []
-    if found and events:
-        found[-1] = replace(found[-1], events=(*found[-1].events, *events))
-    return found
+    if frames and events:
+        frames[-1] = replace(frames[-1], events=(*frames[-1].events, *events))
+    return frames
 
 
 def _new_frame(record: BytesRecord, events: tuple[str, ...]) -> CapturedFrame:

@@ -272,41 +272,41 @@ class ModbusDialect(Dialect):
         if not isinstance(reply, RegisterValues | BitValues):
             return self._rejected_readings(read, self.read_rejection_key(reply))
         values = reply_values(request, reply)
-        found: dict[str, Reading] = {}
+        readings: dict[str, Reading] = {}
         for locator in values:
             for signal, span in self._signals.get(locator, ()):
                 raw = span_value(span, values, self._features)
                 if raw is not None:
-                    found[signal.name] = signal_reading(signal, raw, at)
+                    readings[signal.name] = signal_reading(signal, raw, at)
         if self.status_map is not None and self._status_span is not None:
-            found |= self._status_readings(self.status_map, self._status_span, values, at)
-        shows_status = self.status_map is None or ("state" in found and found["state"].quality is Quality.GOOD)
+            readings |= self._status_readings(self.status_map, self._status_span, values, at)
+        shows_status = self.status_map is None or ("state" in readings and readings["state"].quality is Quality.GOOD)
         self._is_status_shown = self._is_status_shown or shows_status
         identity = self._identity_span
         if self._is_status_shown and (identity is None or read.covers(identity)):
             self._needs_model_check = False
-        return found
+        return readings
 
     def _rejected_readings(self, read: Span, reason: str) -> Readings:
         signals = [entry for entry in self.profile.signals.values() if read.covers(span_of(entry))]
-        found = {signal.name: missing_reading(reason, signal.unit) for signal in signals}
+        readings = {signal.name: missing_reading(reason, signal.unit) for signal in signals}
         if self._status_span is not None and read.covers(self._status_span):
-            found["state"] = missing_reading(reason)
+            readings["state"] = missing_reading(reason)
         if self.status_map is not None:
             for register, name in zip(self.status_map.fault_registers, self._fault_names, strict=True):
                 if read.covers(Span("holding", register)):
-                    found[name] = missing_reading(reason)
-        return found
+                    readings[name] = missing_reading(reason)
+        return readings
 
     def _status_readings(
         self, status: StatusMap, span: Span, values: Mapping[Locator, int], at: float | None
     ) -> Readings:
-        found: dict[str, Reading] = {}
+        readings: dict[str, Reading] = {}
         raw = span_value(span, values, self._features)
         if raw is not None:
             broken = not is_valid_status(status, raw)
             quality, reason = (Quality.BAD, "drives.reserved_bits") if broken else (Quality.GOOD, None)
-            found["state"] = Reading(value=raw, unit="", quality=quality, source_time=at, reason=reason, raw=raw)
+            readings["state"] = Reading(value=raw, unit="", quality=quality, source_time=at, reason=reason, raw=raw)
             if not broken and self.command_word is not None:
                 reverse, paused = (bool(raw & status.bits.get(name, 0)) for name in ("set_reverse", "paused"))
                 paused = paused or status_state(status, raw) is DriveState.PAUSED  # a word that is a number
@@ -314,8 +314,10 @@ class ModbusDialect(Dialect):
         for register, name in zip(status.fault_registers, self._fault_names, strict=True):
             word = values.get(("holding", register))
             if word is not None:
-                found[name] = Reading(value=word, unit="", quality=Quality.GOOD, source_time=at, reason=None, raw=word)
-        return found
+                readings[name] = Reading(
+                    value=word, unit="", quality=Quality.GOOD, source_time=at, reason=None, raw=word
+                )
+        return readings
 
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
         if self.status_map is None:

@@ -62,17 +62,17 @@ def ensure_preflight(op: OperationContext) -> DriveOperation[Preflight]:
     share = op.dialect.profile.setpoint_share
     is_lasting = op.dialect.reports_run_state and (share is None or share.maximum is None)
     fresh = known is not None and known.passed and is_lasting
-    found = known if fresh and known is not None else (yield from read_preflight(op))
-    if not found.passed:
-        refused = all(precondition.found is None for precondition in found.unmet)
+    preflight = known if fresh and known is not None else (yield from read_preflight(op))
+    if not preflight.passed:
+        refused = all(precondition.found is None for precondition in preflight.unmet)
         raise PreflightError(
             "drives.preflight_refused" if refused else "drives.preflight",
             model=op.dialect.profile.model,
             station=op.dialect.address,
-            parameters=tuple(precondition.notation for precondition in found.unmet),
-            steps=keypad_steps(found.unmet),
+            parameters=tuple(precondition.notation for precondition in preflight.unmet),
+            steps=keypad_steps(preflight.unmet),
         )
-    return found
+    return preflight
 
 
 def read_raw_parameter(op: OperationContext, parameter: Parameter) -> DriveOperation[int | None]:

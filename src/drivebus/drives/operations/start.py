@@ -336,11 +336,11 @@ def _check_setpoint(op: OperationContext, outcome: Outcome, word: int, frequency
         return outcome
     if not op.dialect.setpoint_reads():
         return with_note(outcome, "drives.setpoint_not_shown", frequency_hz=frequency_hz)
-    found = yield from read_back_setpoint(op, word, frequency_hz, answered=True)
-    if found.status is OutcomeStatus.FAILED:
-        return raise_for_status(found)  # raises: the drive runs at another frequency
-    merged = replace(outcome, exchanges=found.exchanges)
-    if found.status is OutcomeStatus.CONFIRMED:
+    checked = yield from read_back_setpoint(op, word, frequency_hz, answered=True)
+    if checked.status is OutcomeStatus.FAILED:
+        return raise_for_status(checked)  # raises: the drive runs at another frequency
+    merged = replace(outcome, exchanges=checked.exchanges)
+    if checked.status is OutcomeStatus.CONFIRMED:
         return merged
     return with_note(merged, "drives.setpoint_not_shown", frequency_hz=frequency_hz)
 

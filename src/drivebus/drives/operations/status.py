@@ -55,9 +55,9 @@ def comm_loss_behaviour(op: OperationContext) -> DriveOperation[CommLossReport]:
     notations = tuple(n for n in (rule.time_notation, rule.action_notation) if n is not None)
     if not notations:
         return CommLossReport(None, "drives.comm_loss_unpublished", {"model": model})
-    found = yield from read_values(op, notations)
-    time = found.get(rule.time_notation) if rule.time_notation else None
-    action = found.get(rule.action_notation) if rule.action_notation else None
+    readings = yield from read_values(op, notations)
+    time = readings.get(rule.time_notation) if rule.time_notation else None
+    action = readings.get(rule.action_notation) if rule.action_notation else None
     if any(r is not None and (r.raw is None or r.quality is Quality.BAD) for r in (time, action)):
         return CommLossReport(None, "drives.comm_loss_unread", {"model": model}, time, action)
     params: dict[str, Any] = {"time": _value_text(time), "notation": rule.time_notation, "action": rule.action_notation}
@@ -93,13 +93,13 @@ def read_status(op: OperationContext, names: tuple[str, ...] | None = None) -> D
 
     Raises the error of the bus where the drive does not answer at all, or the port is lost: nothing is known then.
     """
-    wanted = tuple(op.dialect.profile.signals) if names is None else names
+    signals = tuple(op.dialect.profile.signals) if names is None else names
     error = yield from op.read_verified_state()
     answered = error is None and bool(op.dialect.state_reads())
     if not op.dialect.reports_run_state:
         op.derived = DerivedState(DriveState.UNKNOWN, reason="drives.no_run_status")
     done = op.dialect.state_reads()
-    for request, _ in op.dialect.polls(wanted) if error is None else ():
+    for request, _ in op.dialect.polls(signals) if error is None else ():
         if request in done:
             continue
         result = yield from op.read(request)
@@ -111,10 +111,10 @@ def read_status(op: OperationContext, names: tuple[str, ...] | None = None) -> D
         answered = error is None
     if error is not None and (not answered or isinstance(error, PortLost)):
         raise error
-    return complete_status(op.dialect, op.drive_status(), wanted)
+    return complete_status(op.dialect, op.drive_status(), signals)
 
 
-def complete_status(dialect: Dialect, found: DriveStatus, wanted: tuple[str, ...] | None) -> DriveStatus:
+def complete_status(dialect: Dialect, status: DriveStatus, names: tuple[str, ...] | None) -> DriveStatus:
     """Return the status with the signals of the profile and ``STATUS_SIGNALS``, missing ones with their reason."""
     profile = dialect.profile
     readings: dict[str, Reading] = {}
@@ -122,12 +122,12 @@ def complete_status(dialect: Dialect, found: DriveStatus, wanted: tuple[str, ...
         if name not in profile.signals:
             readings[name] = missing_reading("drives.not_reported", unit)
     for name, signal in profile.signals.items():
-        readings[name] = found.readings.get(name) or missing_reading(_missing_reason(name, wanted), signal.unit)
-    return replace(found, readings=_ordered(profile, readings))
+        readings[name] = status.readings.get(name) or missing_reading(_missing_reason(name, names), signal.unit)
+    return replace(status, readings=_ordered(profile, readings))
 
 
-def _missing_reason(name: str, wanted: tuple[str, ...] | None) -> str:
-    return "drives.no_answer" if wanted is None or name in wanted else "drives.not_read"
+def _missing_reason(name: str, names: tuple[str, ...] | None) -> str:
+    return "drives.no_answer" if names is None or name in names else "drives.not_read"
 
 
 def _ordered(profile: DriveProfile, readings: dict[str, Reading]) -> dict[str, Reading]:

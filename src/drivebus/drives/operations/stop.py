@@ -138,10 +138,10 @@ def _may_stop(op: OperationContext) -> DriveOperation[bool]:
     A station that does not answer is sent it where a drive of this model has been made ready to start there before.
     """
     op.stop_awaits_model = not op.drive.model_assumed and op.dialect.model_check() is not None
-    found = (yield from op.check_model()) if op.stop_awaits_model else None
+    unconfirmed = (yield from op.check_model()) if op.stop_awaits_model else None
     op.stop_awaits_model = False
-    is_silent_drive = found is not None and not found.answered and op.drive.was_this_model
-    op.withheld_stop = None if is_silent_drive else found
+    is_silent_drive = unconfirmed is not None and not unconfirmed.answered and op.drive.was_this_model
+    op.withheld_stop = None if is_silent_drive else unconfirmed
     return op.withheld_stop is None
 
 

@@ -31,8 +31,8 @@ def _parse(text: str, highest: int, group_sizes: Mapping[str, int]) -> Locator |
     """Return parameter 5 for ``PD005``, status item 1 for ``CFG1``; None for another notation."""
     if item := _ITEM.fullmatch(text):
         return ("item", int(item[1])) if int(item[1]) <= LAST_ITEM else None
-    found = _PARAMETER.fullmatch(text)
-    return ("parameter", int(found[1])) if found and int(found[1]) <= highest else None
+    match = _PARAMETER.fullmatch(text)
+    return ("parameter", int(match[1])) if match and int(match[1]) <= highest else None
 
 
 def _format(locator: Locator, highest: int) -> str:

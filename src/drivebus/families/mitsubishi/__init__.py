@@ -28,8 +28,8 @@ _FOLDER = Path(__file__).parent
 
 def _parse(text: str, highest: int, group_sizes: Mapping[str, int]) -> Locator | None:
     """Return the locator of ``H6F``, instruction code 6FH; None for any other text."""
-    found = _CODE.fullmatch(text)
-    return ("monitor", int(found[1], 16)) if found and int(found[1], 16) in READ_DIGITS else None
+    match = _CODE.fullmatch(text)
+    return ("monitor", int(match[1], 16)) if match and int(match[1], 16) in READ_DIGITS else None
 
 
 def _format(locator: Locator, highest: int) -> str:

@@ -206,12 +206,12 @@ def _canonical_request(request: Dzb100Request) -> bytes | None:
 
 
 def _errata(data: bytes, request: Dzb100Request, canonical: bytes | None) -> tuple[Note, ...]:
-    found = list(_range_errata(request))
-    if data != canonical and not found:
-        found.append(note("protocols.dzb100.erratum.not_canonical"))
+    errata = list(_range_errata(request))
+    if data != canonical and not errata:
+        errata.append(note("protocols.dzb100.erratum.not_canonical"))
     if data == _EXAMPLE_1_FRAME:
-        found.append(note("protocols.dzb100.erratum.example_1"))
-    return tuple(found)
+        errata.append(note("protocols.dzb100.erratum.example_1"))
+    return tuple(errata)
 
 
 def _range_errata(request: Dzb100Request) -> Iterator[Note]:

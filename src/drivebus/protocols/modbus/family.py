@@ -26,8 +26,8 @@ def _with_space(parse: _Parse) -> _Parse:
 
     def parse_in_space(text: str, highest: int, group_sizes: Mapping[str, int]) -> Locator | None:
         match = _IN_SPACE.fullmatch(text)
-        found = parse(match[2] if match else text, highest, group_sizes)
-        return (match[1].lower(), found[1]) if match and found else found
+        locator = parse(match[2] if match else text, highest, group_sizes)
+        return (match[1].lower(), locator[1]) if match and locator else locator
 
     return parse_in_space
 

@@ -316,23 +316,23 @@ def _interpretations(
     values: tuple[int, ...], layout: FrameLayout, data: bytes, fmt: FieldFormat, options: SunfarDecodeOptions
 ) -> tuple[Interpretation, ...]:
     """List the requests that a reply may answer: the frame does not name the class."""
-    found: list[Interpretation] = []
+    interpretations: list[Interpretation] = []
     group, fault = values[3], values[2] == SunfarState.FAULT
     if layout is WRITE_LAYOUT and not fault:
         item, word = values[4:]
         if group == 0:
-            found.append(
+            interpretations.append(
                 Interpretation(note("protocols.sunfar.reading.monitor"), _value_fields(1, 0, item, word, options))
             )
-        found.append(
+        interpretations.append(
             Interpretation(note("protocols.sunfar.reading.parameter"), _value_fields(2, group, item, word, options))
         )
     identity = _identity_interpretation(data, fmt, group)
     if identity is not None:
-        found.append(Interpretation(note("protocols.sunfar.reading.identity"), identity))
+        interpretations.append(Interpretation(note("protocols.sunfar.reading.identity"), identity))
     if values[1] == SunfarResponse.PASSWORD and values[2] == SunfarState.NOT_READY:
-        found.append(Interpretation(note("protocols.sunfar.reading.echo"), {}))
-    return tuple(found)
+        interpretations.append(Interpretation(note("protocols.sunfar.reading.echo"), {}))
+    return tuple(interpretations)
 
 
 def _identity_interpretation(data: bytes, fmt: FieldFormat, group: int) -> dict[str, Any] | None:
@@ -391,14 +391,14 @@ def _value_fields(
 def _frame_errata(data: bytes, fmt: FieldFormat, layout: FrameLayout, raw: FrameFields) -> tuple[Note, ...]:
     """List where these bytes differ from what a correct sender writes for the same numbers."""
     plain: FieldFormat = AsciiFormat(STRICT_HEX_DIGITS) if isinstance(fmt, AsciiFormat) else PackedFormat()
-    found: list[Note] = []
+    errata: list[Note] = []
     canonical = plain.build(layout, *raw.values)
     if data[: layout.size - 5] != canonical[:-5] or _is_checksum_misspelled(data[: layout.size], plain, layout):
         key = "digits" if isinstance(fmt, AsciiFormat) else "nibbles"
-        found.append(note(f"protocols.sunfar.erratum.{key}"))
+        errata.append(note(f"protocols.sunfar.erratum.{key}"))
     if raw.nibble_data is not None:
-        found.append(note("protocols.sunfar.erratum.ambiguous", packed=raw.values[-1], nibbles=raw.nibble_data))
-    return tuple(found)
+        errata.append(note("protocols.sunfar.erratum.ambiguous", packed=raw.values[-1], nibbles=raw.nibble_data))
+    return tuple(errata)
 
 
 def _is_checksum_misspelled(frame: bytes, plain: FieldFormat, layout: FrameLayout) -> bool:

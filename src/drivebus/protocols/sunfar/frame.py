@@ -107,10 +107,10 @@ class AsciiFormat:
         return b"*%b%04X\r" % (body, sum(body))
 
     def digit(self, byte: int, position: int) -> int:
-        found = self.table[byte]
-        if not found:
+        value = self.table[byte]
+        if not value:
             canonical_digits(bytes((byte,)), self.table, position)  # raises
-        return found - 0x30 if found <= 0x39 else found - 0x37
+        return value - 0x30 if value <= 0x39 else value - 0x37
 
     def read(self, layout: FrameLayout, frame: bytes) -> FrameFields:
         _check_end_mark(frame)

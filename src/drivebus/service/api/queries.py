@@ -69,7 +69,7 @@ class Queries:
     @handles(DRIVES_LIST)
     async def list_drives(self, params: NoParams, actor: Actor) -> Json:
         """Return recent views that show every finished command; see ``RecentDriveViews``."""
-        found: list[Json] = []
+        views: list[Json] = []
         made = 0
         for drive in tuple(self.plant.drives.values()):
             view = self._recent_views.find(drive.id)
@@ -78,8 +78,8 @@ class Queries:
                 if made % ITEMS_PER_TURN == 0:
                     await yield_to_loop()
             if self.plant.drives.get(drive.id) is drive:
-                found.append(view or self._recent_views.make(drive))
-        return {"drives": found}
+                views.append(view or self._recent_views.make(drive))
+        return {"drives": views}
 
     @handles(DRIVES_GET)
     async def get_drive(self, params: DriveParams, actor: Actor) -> Json:
@@ -96,12 +96,12 @@ class Queries:
     @handles(MODELS_LIST)
     async def list_models(self, params: NoParams, actor: Actor) -> Json:
         """Return every model; a rejected file of the user is left out."""
-        found: list[Json] = []
+        models: list[Json] = []
         for model in list_models():
             await yield_to_loop()
             if not isinstance(model, ProfileError):
-                found.append(model | {name: text_json(model[name]) for name in ("title", "maker")})
-        return {"models": found}
+                models.append(model | {name: text_json(model[name]) for name in ("title", "maker")})
+        return {"models": models}
 
     @handles(MODELS_GET)
     async def get_model(self, params: ModelParams, actor: Actor) -> Json:

@@ -35,10 +35,10 @@ def _matching(
     paths: AuditPaths, below: int | None, matches: Callable[[Json], bool]
 ) -> Iterator[tuple[int, Callable[[], Json]]]:
     for line in _lines(paths, below):
-        found = records.decode_record(line)
-        if found is not None and matches(found.body):
-            item = {"n": found.n, **found.body, "hash": found.hash}
-            yield found.n, lambda item=item: item  # type: ignore[misc]
+        record = records.decode_record(line)
+        if record is not None and matches(record.body):
+            item = {"n": record.n, **record.body, "hash": record.hash}
+            yield record.n, lambda item=item: item  # type: ignore[misc]
 
 
 def _lines(paths: AuditPaths, below: int | None) -> Iterator[bytes]:

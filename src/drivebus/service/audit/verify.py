@@ -137,17 +137,17 @@ class _ChainVerifier:
 
     def _verify_line(self, path: Path, number: int, line: bytes) -> None:
         self._report.entries += 1
-        found = records.decode_record(line)
-        if found is None:
+        record = records.decode_record(line)
+        if record is None:
             self._report.add_problem("changed", path, number)
             self._last_number, self._last_hash = self._last_number + 1, None
             return
-        if found.n != self._last_number + 1 or self._last_hash not in (None, found.prev):
-            self._report.add_problem("broken", path, number, expected=self._last_number + 1, n=found.n)
-        self._last_number, self._last_hash = found.n, found.hash
-        self._claimed_checkpoints = max(self._claimed_checkpoints, found.checkpoints)
-        if self._expected_hashes.get(found.n, {found.hash}) != {found.hash}:
-            self._report.add_problem("rewritten", path, number, n=found.n)
+        if record.n != self._last_number + 1 or self._last_hash not in (None, record.prev):
+            self._report.add_problem("broken", path, number, expected=self._last_number + 1, n=record.n)
+        self._last_number, self._last_hash = record.n, record.hash
+        self._claimed_checkpoints = max(self._claimed_checkpoints, record.checkpoints)
+        if self._expected_hashes.get(record.n, {record.hash}) != {record.hash}:
+            self._report.add_problem("rewritten", path, number, n=record.n)
 
 
 def _head(paths: AuditPaths, report: AuditReport, key: bytes | None) -> AuditCheckpoint | None:
@@ -164,7 +164,7 @@ def _head(paths: AuditPaths, report: AuditReport, key: bytes | None) -> AuditChe
 
 def _checkpoints(paths: AuditPaths, report: AuditReport, key: bytes | None) -> list[AuditCheckpoint]:
     """Return the valid checkpoints in order, and report the others."""
-    found: list[AuditCheckpoint] = []
+    checkpoints: list[AuditCheckpoint] = []
     mac, number, n = records.GENESIS_HASH, 0, 0
     path = paths.checkpoints
     for at, line in _lines(path) if path.exists() else ():
@@ -176,9 +176,9 @@ def _checkpoints(paths: AuditPaths, report: AuditReport, key: bytes | None) -> l
         if checkpoint.prev != mac or checkpoint.number != number + 1 or checkpoint.n <= n:
             report.add_problem("checkpoint_broken", path, at, expected=number + 1, number=checkpoint.number)
         mac, number, n = checkpoint.mac, checkpoint.number, checkpoint.n
-        found.append(checkpoint)
-    report.checkpoints = len(found)
-    return found
+        checkpoints.append(checkpoint)
+    report.checkpoints = len(checkpoints)
+    return checkpoints
 
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:

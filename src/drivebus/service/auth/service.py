@@ -199,11 +199,11 @@ class AuthService:
         """Log in with a one-time code. Raises NotAuthenticated, TooManyAttempts."""
         keys = AttemptKeys((address_key(address),))
         at = self._record_attempt(self.secret_throttle, keys)
-        found = self._find_code(code)
-        if found is None:
+        code_record = self._find_code(code)
+        if code_record is None:
             raise NotAuthenticated("auth.wrong_code")
-        await self.change_database(lambda database: _consume_code(database, found))
-        user = self.database.user(found.user)
+        await self.change_database(lambda database: _consume_code(database, code_record))
+        user = self.database.user(code_record.user)
         if user.disabled:
             raise NotAuthenticated("auth.wrong_code")
         self.secret_throttle.record_success(keys, at)

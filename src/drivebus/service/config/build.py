@@ -91,11 +91,11 @@ class ParsedPlant:
                     read[model] = profiles.load(model)
                 except ProfileError as error:
                     read[model] = error
-            found = read[model]
-            if isinstance(found, DriveProfile):
-                self.profiles[name] = found
+            profile = read[model]
+            if isinstance(profile, DriveProfile):
+                self.profiles[name] = profile
             else:
-                self.profile_errors[name] = found
+                self.profile_errors[name] = profile
 
 
 def is_model_path(model: str) -> bool:

@@ -119,12 +119,12 @@ def _part_diff(old: Sequence[T], new: Sequence[T]) -> PartDiff[T]:
 
 
 def _reload_action(old: DriveConfig, new: DriveConfig, reopened: Sequence[str]) -> ReloadAction:
-    found = _changed_fields(old, new)
-    if new.bus in reopened or found - UPDATE_FIELDS - REPOLL_FIELDS:
+    changed = _changed_fields(old, new)
+    if new.bus in reopened or changed - UPDATE_FIELDS - REPOLL_FIELDS:
         return ReloadAction.RECREATE
-    if found & REPOLL_FIELDS:
+    if changed & REPOLL_FIELDS:
         return ReloadAction.REPOLL
-    return ReloadAction.UPDATE if found else ReloadAction.UNCHANGED
+    return ReloadAction.UPDATE if changed else ReloadAction.UNCHANGED
 
 
 def _changed_fields(old: Any, new: Any) -> set[str]:

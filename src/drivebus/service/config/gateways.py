@@ -71,11 +71,11 @@ def plant_file_schema() -> type[PlantFile]:
 def gateway_issues(tables: GatewayTables, resolve_path: ResolvePath) -> Iterator[Issue]:
     """Yield the issues that the gateways find in their tables."""
     for name, table in tables.configured():
-        for found in installed_gateways()[name].check(table, resolve_path):
+        for fault in installed_gateways()[name].check(table, resolve_path):
             yield replace(
-                found,
-                path=("gateway", name, *found.path),
-                related=tuple(("gateway", name, *path) for path in found.related),
+                fault,
+                path=("gateway", name, *fault.path),
+                related=tuple(("gateway", name, *path) for path in fault.related),
             )
 
 

@@ -29,15 +29,15 @@ def redact_text(text: str, source: str) -> str:
 
     Raises ConfigurationError where one is, or in a faulty text may be, written in a form that cannot be hidden.
     """
-    found = redact_url(_SECRET_VALUE.sub(rf'\1"{HIDDEN}"', text))
+    redacted_text = redact_url(_SECRET_VALUE.sub(rf'\1"{HIDDEN}"', text))
     try:
-        unsafe = _has_password(tomllib.loads(found))
+        unsafe = _has_password(tomllib.loads(redacted_text))
     except (tomllib.TOMLDecodeError, RecursionError):  # a fault of the file, which the user should be able to see
-        lines = zip(text.split("\n"), found.split("\n"), strict=True)
+        lines = zip(text.split("\n"), redacted_text.split("\n"), strict=True)
         unsafe = any(_may_show_password(line, redacted) for line, redacted in lines)
     if unsafe:
         raise ConfigurationError("plant.password_in_file", source=source)
-    return found
+    return redacted_text
 
 
 def restore_url(redacted: str | None, url: str | None) -> str | None:

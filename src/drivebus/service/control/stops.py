@@ -118,9 +118,9 @@ class StopCommands:
         stops: dict[DriveRuntime, asyncio.Task[Json]] = {}
         while plant.now() < timeout_at:
             others = [runtime for runtime in plant.drives.values() if runtime not in stops]
-            found = [runtime for runtime in others if _stops_with_service(runtime)]
-            plant.note_stop(*found, by=actor.name, kind="service")
-            stops |= {runtime: asyncio.create_task(self._stop_one(runtime, actor, len(found))) for runtime in found}
+            started = [runtime for runtime in others if _stops_with_service(runtime)]
+            plant.note_stop(*started, by=actor.name, kind="service")
+            stops |= {runtime: asyncio.create_task(self._stop_one(runtime, actor, len(started))) for runtime in started}
             if all(task.done() for task in stops.values()) and not any(other.awaits_first_read for other in others):
                 break
             await asyncio.sleep(SERVICE_STOP_CHECK_S)

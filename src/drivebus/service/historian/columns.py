@@ -44,11 +44,11 @@ def pack(code: str, numbers: Iterable[float]) -> bytes:
 
 def unpack(code: str, data: bytes) -> list[int]:
     """Return the numbers of ``pack``."""
-    found = array(code)
-    found.frombytes(data)
+    column = array(code)
+    column.frombytes(data)
     if sys.byteorder == "big":
-        found.byteswap()
-    return found.tolist()
+        column.byteswap()
+    return column.tolist()
 
 
 def unpack_floats(data: bytes) -> list[float]:

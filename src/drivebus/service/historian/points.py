@@ -117,18 +117,18 @@ def sorted_by_time(points: Points) -> Points:
 
 def concat(pieces: Iterable[Points]) -> Points:
     """Return all pieces as one, sorted by time."""
-    found = [piece for piece in pieces if piece.time]
-    if len(found) <= 1:
-        return found[0] if found else Points()
-    mean = _joined(piece.mean for piece in found)
-    flat = all(piece.low is piece.mean is piece.high for piece in found)
+    parts = [piece for piece in pieces if piece.time]
+    if len(parts) <= 1:
+        return parts[0] if parts else Points()
+    mean = _joined(piece.mean for piece in parts)
+    flat = all(piece.low is piece.mean is piece.high for piece in parts)
     joined = Points(
-        time=_joined(piece.time for piece in found),
-        count=_joined(piece.count for piece in found),
-        low=mean if flat else _joined(piece.low for piece in found),
+        time=_joined(piece.time for piece in parts),
+        count=_joined(piece.count for piece in parts),
+        low=mean if flat else _joined(piece.low for piece in parts),
         mean=mean,
-        high=mean if flat else _joined(piece.high for piece in found),
-        quality=b"".join(piece.quality for piece in found),
+        high=mean if flat else _joined(piece.high for piece in parts),
+        quality=b"".join(piece.quality for piece in parts),
     )
     return sorted_by_time(joined)
 
@@ -266,17 +266,17 @@ def coarsest_covering(
     first: ResolutionLevel, from_ms: int, to_ms: int, read: ReadLevel
 ) -> tuple[ResolutionLevel, dict[str, Points]]:
     """Return the points of ``first``, or of a coarser level that reaches back farther."""
-    chosen, found = first, read(first)
+    chosen, points = first, read(first)
     for coarser in (level for level in ResolutionLevel if level > first):
-        missing = _first_time(found, to_ms) - from_ms
+        missing = _first_time(points, to_ms) - from_ms
         if missing * MISSING_SPAN_DIVISOR <= to_ms - from_ms:
             break
         other = read(coarser)
         # A bucket may begin before its first sample: within one bucket the finer level misses nothing.
-        within = RESOLUTIONS[coarser].width_ms if any(map(len, found.values())) else 0
-        if (_first_time(found, to_ms) - _first_time(other, to_ms) - within) * MISSING_SPAN_DIVISOR > to_ms - from_ms:
-            chosen, found = coarser, other
-    return chosen, found
+        within = RESOLUTIONS[coarser].width_ms if any(map(len, points.values())) else 0
+        if (_first_time(points, to_ms) - _first_time(other, to_ms) - within) * MISSING_SPAN_DIVISOR > to_ms - from_ms:
+            chosen, points = coarser, other
+    return chosen, points
 
 
 def _first_time(by_tag: Mapping[str, Points], to_ms: int) -> int:

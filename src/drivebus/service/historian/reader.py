@@ -77,12 +77,12 @@ class HistoryReader:
 
     def samples(self, tags: Sequence[int], from_ms: int, to_ms: int) -> dict[int, NumberedSamples]:
         """Return the samples of each tag with their numbers, in order of arrival."""
-        found = {tag: NumberedSamples([], ([], [], b"")) for tag in tags}
+        by_tag = {tag: NumberedSamples([], ([], [], b"")) for tag in tags}
         fresh, rows = self._snapshot(ResolutionLevel.RAW, tags, from_ms, to_ms)
         runs = [(row.tag, row.number, _decode_samples(row)) for row in rows]
         for tag, first, samples in sorted([*runs, *((tag, *one) for tag, one in fresh.items())], key=itemgetter(0, 1)):
-            found[tag] = _with_samples_in_range(found[tag], first, samples, from_ms, to_ms)
-        return found
+            by_tag[tag] = _with_samples_in_range(by_tag[tag], first, samples, from_ms, to_ms)
+        return by_tag
 
     def next_partition(self, level: ResolutionLevel, tags: Sequence[int], from_ms: int) -> int | None:
         """Return the start of the first partition at ``from_ms`` or later with any of these tags."""

@@ -73,10 +73,10 @@ def _runtime_folders(directory: Path, uid: int) -> Iterator[Path]:
 def _is_private(folder: Path, uid: int) -> bool:
     """Return whether a folder is one that only this user can change: any user may create names below /tmp."""
     try:
-        found = folder.lstat()
+        status = folder.lstat()
     except OSError:
         return False
-    return stat.S_ISDIR(found.st_mode) and found.st_uid == uid and not found.st_mode & (stat.S_IRWXG | stat.S_IRWXO)
+    return stat.S_ISDIR(status.st_mode) and status.st_uid == uid and not status.st_mode & (stat.S_IRWXG | stat.S_IRWXO)
 
 
 @contextlib.contextmanager

@@ -111,7 +111,7 @@ class Hub:
 
     async def _new_items(self, subscriber: _Subscriber) -> tuple[dict[str, list[Json]], dict[str, int]]:
         """Return the items of each list that were not sent yet, and how many were dropped before they could be."""
-        found: dict[str, list[Json]] = {}
+        items_by_topic: dict[str, list[Json]] = {}
         missed: dict[str, int] = {}
         for topic, last in tuple(self._last_numbers.items()):
             sent = subscriber.sent_numbers.get(topic)
@@ -121,12 +121,12 @@ class Hub:
             if topic not in self._lists:
                 continue
             items = [item for number, item in self.items(topic, sent or 0) if number <= last]
-            found[topic] = [
+            items_by_topic[topic] = [
                 item() if callable(item) else item async for item in iter_cooperatively(items, internal=True)
             ]
             if sent is not None and (dropped := last - sent - len(items)):
                 missed[topic] = dropped
-        return found, missed
+        return items_by_topic, missed
 
     def _message(self, kind: str, topics: Json) -> Json:
         return {"type": kind, "time_ms": self._now_ms(), "topics": topics}

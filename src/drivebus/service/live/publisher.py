@@ -112,8 +112,10 @@ def _directions(runtime: DriveRuntime) -> tuple[str, ...]:
 def bus_view(bus_runtime: BusRuntime) -> Json:
     """Return the topic of a bus. Its figures include the failures of its stations."""
     bus, config = bus_runtime.bus, bus_runtime.config
-    found = bus.statistics()
-    own = [_station_json(runtime, found.stations[runtime.config.address]) for runtime in bus_runtime.drives.values()]
+    statistics = bus.statistics()
+    own = [
+        _station_json(runtime, statistics.stations[runtime.config.address]) for runtime in bus_runtime.drives.values()
+    ]
     return {
         "id": config.id,
         "title": text_json(config.title),
@@ -126,17 +128,17 @@ def bus_view(bus_runtime: BusRuntime) -> Json:
         "slow_adapter": None
         if (slow_adapter := bus_runtime.adapter_latency()) is None
         else localized("ports.latency_cost", slow_adapter.text_params(bus_runtime.title)),
-        "load_percent": round(found.load_percent, 1),
-        "occupied_percent": round(found.occupied_percent, 1),
-        "transactions_per_s": round(found.transactions_per_s, 1),
-        "error_rate": round(found.error_rate, 4),
-        "transactions": found.transactions,
-        "replies": found.replies,
-        "errors": dict(found.errors),
-        "counters": dict(found.counters),
-        "reply_p50_s": found.reply_p50_s,
-        "reply_p95_s": found.reply_p95_s,
-        "reply_p99_s": found.reply_p99_s,
+        "load_percent": round(statistics.load_percent, 1),
+        "occupied_percent": round(statistics.occupied_percent, 1),
+        "transactions_per_s": round(statistics.transactions_per_s, 1),
+        "error_rate": round(statistics.error_rate, 4),
+        "transactions": statistics.transactions,
+        "replies": statistics.replies,
+        "errors": dict(statistics.errors),
+        "counters": dict(statistics.counters),
+        "reply_p50_s": statistics.reply_p50_s,
+        "reply_p95_s": statistics.reply_p95_s,
+        "reply_p99_s": statistics.reply_p99_s,
         "foreign_master": bus.foreign_master,
         "stop_bound_s": bus_runtime.stop_bound_s(),
         "stations": own,

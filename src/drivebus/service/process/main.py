@@ -168,8 +168,8 @@ async def _accepts_connections(path: Path, accepting: dict[Path, tuple[int, int,
 
 
 def _file_identity(path: Path) -> tuple[int, int, int]:
-    found = path.stat()
-    return found.st_dev, found.st_ino, found.st_ctime_ns
+    status = path.stat()
+    return status.st_dev, status.st_ino, status.st_ctime_ns
 
 
 async def _reload(service: Service) -> None:

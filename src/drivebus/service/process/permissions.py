@@ -105,17 +105,17 @@ def check_trusted(path: Path, *, secret: bool = False, root_may_own: bool = True
     ``user``: number of another user in place of this one. Raises ConfigurationError with the command that mends it,
     OSError.
     """
-    found, user = path.stat(), os.geteuid() if user is None else user
-    _check_owner(path, found.st_uid, {user, ROOT} if root_may_own else {user})
-    others = stat.S_IMODE(found.st_mode) & (stat.S_IRWXG | stat.S_IRWXO)
+    status, user = path.stat(), os.geteuid() if user is None else user
+    _check_owner(path, status.st_uid, {user, ROOT} if root_may_own else {user})
+    others = stat.S_IMODE(status.st_mode) & (stat.S_IRWXG | stat.S_IRWXO)
     forbidden = others & (stat.S_IWGRP | stat.S_IWOTH)
-    if forbidden == stat.S_IWGRP and _is_private_group(found.st_gid, found.st_uid):
+    if forbidden == stat.S_IWGRP and _is_private_group(status.st_gid, status.st_uid):
         forbidden = 0
     if secret:
         forbidden |= others & (stat.S_IROTH | stat.S_IWOTH)
     if forbidden:
         key = "plant.secret_readable" if secret else "plant.writable_by_others"
-        mode = f"{stat.S_IMODE(found.st_mode):o}"
+        mode = f"{stat.S_IMODE(status.st_mode):o}"
         raise ConfigurationError(key, path=str(path), quoted=shlex.quote(str(path)), mode=mode)
 
 

@@ -138,12 +138,12 @@ class SupervisionCycle:
 
     def _report_exposed_files(self, problems: Sequence[ConfigurationError]) -> None:
         """Publish an event for each file of a certificate that another user can read or replace, once until mended."""
-        found = {str(error): error for error in problems}
-        for text in found.keys() - self._exposed:
-            LOG.warning(found[text].text(i18n.preferred()))
-            texts = localized(found[text].key, found[text].params)
+        exposed = {str(error): error for error in problems}
+        for text in exposed.keys() - self._exposed:
+            LOG.warning(exposed[text].text(i18n.preferred()))
+            texts = localized(exposed[text].key, exposed[text].params)
             self._plant.publish_event_text("configuration", None, texts, None, None, log=False)
-        self._exposed = set(found)
+        self._exposed = set(exposed)
 
     def _check_storage(self) -> None:
         """Raise an alarm for each file that is written in the background and fails; try it again."""
@@ -190,17 +190,17 @@ class SupervisionCycle:
 
     def _report_presence(self, runtime: DriveRuntime, status: DriveStatus) -> None:
         """Publish an event when a drive stops answering, when its late or damaged replies come, and when it is back."""
-        found = runtime.bus.presence(runtime.config.address)
-        before, runtime.reported_presence = runtime.reported_presence, found
-        unusable = found is Presence.OFFLINE and status.unusable_reply is not None
-        if found is not before:
+        presence = runtime.bus.presence(runtime.config.address)
+        before, runtime.reported_presence = runtime.reported_presence, presence
+        unusable = presence is Presence.OFFLINE and status.unusable_reply is not None
+        if presence is not before:
             runtime.reported_unusable_reply = False
-        if (found is before and runtime.reported_unusable_reply >= unusable) or (
-            before in (None, Presence.NEVER_SEEN) and found is not Presence.OFFLINE
+        if (presence is before and runtime.reported_unusable_reply >= unusable) or (
+            before in (None, Presence.NEVER_SEEN) and presence is not Presence.OFFLINE
         ):
             return
         params: Json = {"drive": title_of(runtime.config)}
-        key = "plant.drive_silent" if found is Presence.OFFLINE else "plant.drive_back"
+        key = "plant.drive_silent" if presence is Presence.OFFLINE else "plant.drive_back"
         if unusable:
             key, params["reason"] = "plant.drive_unusable_reply", status.unusable_reply
             runtime.reported_unusable_reply = True

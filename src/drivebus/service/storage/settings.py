@@ -54,13 +54,13 @@ def limits_key(drive: str) -> str:
 
 def _limits_from_json(text: str) -> DriveLimits:
     """Return stored limits. Raises ValueError, TypeError, OverflowError or ConfigurationError for anything else."""
-    found = DriveLimits(**json.loads(text))
-    frequencies_hz = [found.minimum_hz, *([] if found.maximum_hz is None else [found.maximum_hz])]
+    limits = DriveLimits(**json.loads(text))
+    frequencies_hz = [limits.minimum_hz, *([] if limits.maximum_hz is None else [limits.maximum_hz])]
     if not all(type(hz) in (int, float) and math.isfinite(hz) for hz in frequencies_hz):
         raise TypeError("a frequency is not a finite number")
-    if type(found.forward) is not bool or type(found.reverse) is not bool:
+    if type(limits.forward) is not bool or type(limits.reverse) is not bool:
         raise TypeError("a direction is neither true nor false")
-    return found
+    return limits
 
 
 def _names_from_json(text: str) -> list[str]:
@@ -73,12 +73,12 @@ def _names_from_json(text: str) -> list[str]:
 
 def _stored_waiver(store: Store, drive: str) -> CommLossWaiver | None:
     try:
-        found = CommLossWaiver.from_json(store.get(waiver_key(drive)))
+        waiver = CommLossWaiver.from_json(store.get(waiver_key(drive)))
     except (ConfigurationError, ValueError, TypeError, RecursionError):
         return None
     return (
-        found
-        if found is not None and all(type(field) is str for field in (found.text, found.model, found.port))
+        waiver
+        if waiver is not None and all(type(field) is str for field in (waiver.text, waiver.model, waiver.port))
         else None
     )
 

@@ -139,18 +139,18 @@ def _plain_schema(schema: Json) -> Json:
 
 def openapi_document(app: FastAPI) -> Json:
     """Return the description of an app."""
-    found = get_openapi(
+    document = get_openapi(
         title=API_TITLE, version=API_VERSION, routes=app.routes, summary="One plant of drives on many buses"
     )
-    components = found.setdefault("components", {})
+    components = document.setdefault("components", {})
     components["securitySchemes"] = SECURITY_SCHEMES
     for name in _UNUSED_SCHEMAS:
         components.get("schemas", {}).pop(name, None)
-    for operations in found["paths"].values():
+    for operations in document["paths"].values():
         for method, operation in operations.items():
             operation["responses"] = operation["responses"] | _error_responses()
             operation["security"] = _security(method, operation["x-right"])
-    return found
+    return document
 
 
 def _error_responses() -> Json:

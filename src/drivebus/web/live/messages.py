@@ -37,11 +37,11 @@ def parse_message(text: str) -> ClientMessage:
     """Parse ``{"subscribe": [patterns]}``, ``{"renew": [drives]}`` or both. Raises ValueError."""
     if len(text) > MAX_MESSAGE_CHARS:
         raise ValueError("too long")
-    found = parse_json(text)
-    if not isinstance(found, dict) or not found or found.keys() - {"subscribe", "renew"}:
+    message = parse_json(text)
+    if not isinstance(message, dict) or not message or message.keys() - {"subscribe", "renew"}:
         raise ValueError(text[:100])
-    topics = parse_patterns(_limited_list(found["subscribe"], MAX_PATTERNS)) if "subscribe" in found else None
-    return ClientMessage(topics, _all_matching(_ID, _limited_list(found.get("renew", []), MAX_RENEWALS)))
+    topics = parse_patterns(_limited_list(message["subscribe"], MAX_PATTERNS)) if "subscribe" in message else None
+    return ClientMessage(topics, _all_matching(_ID, _limited_list(message.get("renew", []), MAX_RENEWALS)))
 
 
 def parse_patterns(words: Iterable[str]) -> tuple[str, ...]:

@@ -98,10 +98,10 @@ class AuthMiddleware:
         """Return the valid credential, if any. Raises AccessDenied for a cookie without its CSRF token."""
         if "authorization" in headers:
             return self._credential_from_token(headers, scope)
-        found = self._credential_from_cookie(headers, scope["state"]["uses_tls"])
-        if found is not None and route.access is not AccessLevel.PUBLIC:
-            self._check_csrf(route, headers, found)
-        return found
+        credential = self._credential_from_cookie(headers, scope["state"]["uses_tls"])
+        if credential is not None and route.access is not AccessLevel.PUBLIC:
+            self._check_csrf(route, headers, credential)
+        return credential
 
     def _credential_from_token(self, headers: Headers, scope: Scope) -> TokenCredential | None:
         kind, _, secret = headers["authorization"].partition(" ")

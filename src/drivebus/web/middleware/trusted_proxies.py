@@ -49,8 +49,8 @@ class TrustedProxies:
 
 def _parse(text: str) -> IpAddress | None:
     """Return an address, with or without port; None for anything else."""
-    found = _WITH_PORT.fullmatch(text)
+    match = _WITH_PORT.fullmatch(text)
     try:
-        return parse_address((found[1] or found[2]) if found else text)
+        return parse_address((match[1] or match[2]) if match else text)
     except ValueError:
         return None

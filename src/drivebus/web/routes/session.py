@@ -152,20 +152,20 @@ def _session_json(context: WebContext, credential: Credential | None) -> Json:
     """Return the user, rights and CSRF token; ``setup`` is true while there is no administrator."""
     auth = context.auth
     missing = localized("auth.users_missing", {"file": auth.user_file.path.name}) if auth.users_missing else None
-    found: Json = {"setup": auth.needs_setup, "users_missing": missing, "user": None, "rights": [], "csrf": None}
+    content: Json = {"setup": auth.needs_setup, "users_missing": missing, "user": None, "rights": [], "csrf": None}
     if context.login_notice is not None:
-        found["login_notice"] = text_json(context.login_notice)
+        content["login_notice"] = text_json(context.login_notice)
     if credential is None:
-        return found
+        return content
     actor = credential.actor
     rights = [right for right in Right if right in actor.rights]  # in their order, from reading to administering
-    found |= {"user": actor.name, "rights": rights, "session": actor.session}
+    content |= {"user": actor.name, "rights": rights, "session": actor.session}
     if not isinstance(credential, SessionCredential):
-        return found
+        return content
     session, now = credential.session, auth.clock()
     if session.failed_logins:
-        found["failed_logins"] = session.failed_logins
-    return found | {
+        content["failed_logins"] = session.failed_logins
+    return content | {
         "role": str(auth.database.user(session.user).role),
         "csrf": session.csrf,
         "idle": credential.is_idle,

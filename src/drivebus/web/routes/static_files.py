@@ -114,14 +114,14 @@ def _page_with_preloads(index: Path, changed_ns: int) -> bytes:
 
 def first_modules() -> list[str]:
     """Return ``FIRST_MODULES`` and what they import statically, nearest first, as paths below the server's root."""
-    found = list(FIRST_MODULES)
-    for name in found:
+    modules = list(FIRST_MODULES)
+    for name in modules:
         script = WEB_DIRECTORY / name
         for other in STATIC_IMPORT.findall(script.read_text("utf-8")):
             path = (script.parent / other).resolve().relative_to(WEB_DIRECTORY).as_posix()
-            if path not in found:
-                found.append(path)
-    return found
+            if path not in modules:
+                modules.append(path)
+    return modules
 
 
 @router.exempt("GET", "/static/{path:path}", access=AccessLevel.PUBLIC)

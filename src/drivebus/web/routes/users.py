@@ -159,8 +159,8 @@ async def _confirm(request: Request, own_password: str | None) -> None:
 
 
 def _user_name(request: Request) -> str:
-    found = credential_of(request)
-    return found.session.user if isinstance(found, SessionCredential) else found.token.user
+    credential = credential_of(request)
+    return credential.session.user if isinstance(credential, SessionCredential) else credential.token.user
 
 
 def _may_manage(request: Request, token: Token) -> bool:

@@ -247,8 +247,8 @@ def _without_references(value: Any, definitions: Json) -> Any:
 
 def collect_operations(*modules: ModuleType) -> dict[str, Operation]:
     """Return the operations that modules declare, by name. Raises ValueError for a name or route declared twice."""
-    found = [value for module in modules for value in vars(module).values() if isinstance(value, Operation)]
-    by_name = {operation.name: operation for operation in found}
-    if not len(found) == len(by_name) == len({(operation.method, operation.path) for operation in found}):
+    operations = [value for module in modules for value in vars(module).values() if isinstance(value, Operation)]
+    by_name = {operation.name: operation for operation in operations}
+    if not len(operations) == len(by_name) == len({(operation.method, operation.path) for operation in operations}):
         raise ValueError("an operation is declared twice")
     return by_name
