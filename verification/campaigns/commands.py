@@ -90,7 +90,7 @@ class CommandEpisode:
         )
         scenario.bus.core.has_line_timing = rng.random() >= UNPACED_SHARE
         batched = self.adapter == "echo" and scenario.simulated_bus.line_quality.batch_s > 0.0
-        scenario.oracle.frame_rules.misled_drives = (
+        scenario.oracle.frame_rules.echo_may_look_damaged = (
             not self.echoes_right or not scenario.bus.core.has_line_timing or batched
         )
         campaign_run.count(f"echo {self.adapter or 'no'}, set {setting}")

@@ -7,7 +7,7 @@ from typing import Any
 
 from drivebus.errors import DrivebusError
 from verification.families.campaigns import campaign_of
-from verification.fault_matrix.cell import CellRun, cell, check_void
+from verification.fault_matrix.cell import CellRun, cell, check_failed_read
 from verification.fault_matrix.matrix_scenario import MatrixScenario
 from verification.reference.effects import RequestEffect
 from verification.scenario.scenario import SentRequest
@@ -33,7 +33,7 @@ def transmitter_disabled_too_early(run: CellRun) -> None:
     command = scenario.command_to_end(1, "run", run.random_hz())
     scenario.expect(not command.succeeded and not scenario.station(1).motor.starts, f"run {command.result_word}")
     own = run.scenario(1, 2)
-    check_void(own, lambda transmit, data, when: transmit(data, when).dropped.add(len(data) - 1), "NoReply")
+    check_failed_read(own, lambda transmit, data, when: transmit(data, when).dropped.add(len(data) - 1), "NoReply")
     if not run.variant.has_checksum:
         _check_missing_last_byte(run)
 
@@ -163,7 +163,7 @@ def _check_absent_drive(run: CellRun, setting: str, line_quality: str, paced: bo
     Without line timing (TCP) the echo arrives when a reply is expected.
     """
     scenario = run.scenario(1, echo=setting, line_quality=line_quality)
-    scenario.bus.core.has_line_timing, scenario.oracle.frame_rules.misled_drives = paced, not paced
+    scenario.bus.core.has_line_timing, scenario.oracle.frame_rules.echo_may_look_damaged = paced, not paced
     family = campaign_of(run.variant.model)
     notation = family.saved_parameters.get(run.variant.model, "")
     saves = notation not in family.matrix.ram_parameters  # T21: a RAM write has an echo of a reply's length in C320

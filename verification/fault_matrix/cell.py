@@ -102,13 +102,14 @@ def all_cells() -> tuple[MatrixCell, ...]:
 
 # --- shared checks ----------------------------------------------------------------------------------------------------
 
-VOID_STEP_S = 0.05
+QUALITY_CHECK_INTERVAL_S = 0.05
 STALE_AFTER_S = 3 * 1.0 + 0.4
 """Age at which the slowest signal here is bad, in seconds: max(3 × period, 1 s) + timeout."""
 
 
-def check_void(scenario: MatrixScenario, act: ReplyAction | str, error: str, address: int = 1) -> None:
-    """Check one invalid reply to a read: it is counted, and the read is repeated once after a sync probe."""
+def check_failed_read(scenario: MatrixScenario, act: ReplyAction | str, error: str) -> None:
+    """Check one failed read of drive 1: it is counted, and the read is repeated once after a sync probe."""
+    address = 1
     wanted, data = scenario.plain_read(address)
     failed, mark, events = scenario.failure_count(address, error), len(scenario.requests), len(scenario.events)
     manipulation = scenario.manipulate_replies(address, act, 1)
@@ -125,7 +126,7 @@ def check_void(scenario: MatrixScenario, act: ReplyAction | str, error: str, add
         f"counted: {scenario.statistics(address).errors}, not {error}",
     )
     message = [event for event in scenario.events[events:] if event.kind in (TraceKind.INVALID, TraceKind.NO_REPLY)]
-    scenario.expect(len(message) == 1, f"{len(message)} voids in the trace")
+    scenario.expect(len(message) == 1, f"{len(message)} failures in the trace")
     check_quarantine(scenario, mark)
 
 
@@ -139,21 +140,23 @@ def check_quarantine(scenario: MatrixScenario, mark: int) -> None:
     )
 
 
-def check_persistent_failure(scenario: MatrixScenario, act: ReplyAction | str, address: int = 1) -> None:
-    """Check that values stay good after one invalid reply, and are bad with an unknown state where the fault lasts."""
+def check_persistent_failure(scenario: MatrixScenario, act: ReplyAction | str) -> None:
+    """Check that values stay good after one failed read, and are bad with an unknown state where the fault lasts."""
+    address = 1
     scenario.run(scenario.variant.identical_probe_quarantine_s)  # until the replies lost before can no longer be due
     monitor = scenario.monitored(address)
     scenario.expect(not scenario.has_bad_quality(address), "bad before anything happened")
     scenario.manipulate_replies(address, act, 1)
-    for _ in range(round(2.0 / VOID_STEP_S)):
-        scenario.run(VOID_STEP_S)
+    for _ in range(round(2.0 / QUALITY_CHECK_INTERVAL_S)):
+        scenario.run(QUALITY_CHECK_INTERVAL_S)
         if scenario.has_bad_quality(address):
-            scenario.expect(False, "bad after one void")
+            scenario.expect(False, "bad after one failed read")
             break
     failed, manipulation = scenario.failure_count(address), scenario.manipulate_replies(address, act)
     scenario.run(STALE_AFTER_S + 1.0)
     scenario.expect(
-        scenario.has_bad_quality(address) and monitor.status().state == "unknown", "still good after 3 periods of voids"
+        scenario.has_bad_quality(address) and monitor.status().state == "unknown",
+        "still good after 3 periods of failed reads",
     )
-    scenario.expect(scenario.failure_count(address) >= failed + 2, "bad after fewer than two voids")
+    scenario.expect(scenario.failure_count(address) >= failed + 2, "bad after fewer than two failed reads")
     manipulation.remaining = 0

@@ -9,7 +9,7 @@ from drivebus.bus import TraceKind
 from drivebus.serial_settings import StationTiming
 from drivebus.values import Quality
 from verification.families.campaigns import campaign_of
-from verification.fault_matrix.cell import COVERED, CellRun, cell, check_persistent_failure, check_void
+from verification.fault_matrix.cell import COVERED, CellRun, cell, check_failed_read, check_persistent_failure
 from verification.fault_matrix.matrix_scenario import MatrixScenario, ReplyAction, WireSend
 
 # --- swapped digits ---------------------------------------------------------------------------------------------------
@@ -130,14 +130,14 @@ def truncated_answer(run: CellRun) -> None:
     """Check that a truncated reply is invalid at the deadline, and that a complete short error is accepted."""
     scenario = run.scenario()
     cut = run.rng.randrange(1, len(scenario.replies[0].data) - 1)
-    check_void(scenario, lambda transmit, data, when: transmit(data[:-cut], when), "NoReply")
-    voided = next(event for event in scenario.events if event.kind is TraceKind.INVALID)
+    check_failed_read(scenario, lambda transmit, data, when: transmit(data[:-cut], when), "NoReply")
+    failure = next(event for event in scenario.events if event.kind is TraceKind.INVALID)
     request = next(one for one in scenario.requests[2:] if one.address == 1)
     min_timeout_s = (
         run.variant.min_timeout_s + run.variant.min_timeout_characters * scenario.simulated_bus.settings.character_s
     )
     scenario.expect(
-        voided.time - request.end >= min_timeout_s, f"void {voided.time - request.end:.4f} s after the request"
+        failure.time - request.end >= min_timeout_s, f"failed {failure.time - request.end:.4f} s after the request"
     )
     check_persistent_failure(scenario, lambda transmit, data, when: transmit(data[:-cut], when))
     _check_short_form(run)
@@ -169,7 +169,7 @@ def trailing_bytes(run: CellRun) -> None:
         return transmit(data + extra, when)
 
     for _ in range(3):
-        check_void(scenario, longer, "TrailingError")
+        check_failed_read(scenario, longer, "TrailingError")
     health = scenario.bus.health(1)
     scenario.expect(health.error_rate > 0.0 and scenario.statistics(1).damaged >= 3, "health does not show it")
     command = scenario.command_to_end(1, "run", 5.0)

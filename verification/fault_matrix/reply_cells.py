@@ -12,7 +12,7 @@ from drivebus.simulator.motor import Trip
 from verification.drive_variants import DriveVariant
 from verification.families.campaigns import campaign_of
 from verification.families.sunfar.facts import class_and_operation
-from verification.fault_matrix.cell import CellRun, cell, check_persistent_failure, check_quarantine, check_void
+from verification.fault_matrix.cell import CellRun, cell, check_failed_read, check_persistent_failure, check_quarantine
 from verification.fault_matrix.matrix_scenario import MatrixScenario, WireSend
 from verification.reference.effects import RequestEffect
 from verification.reference.request_effects import classify_request, is_sync_probe, shows_standstill, status_read_key
@@ -32,8 +32,8 @@ RECOVERY_MAX_S = 4.0
 def no_reply_to_read(run: CellRun) -> None:
     """Check a read without a reply, whether the drive received it or not."""
     scenario = run.scenario()
-    check_void(scenario, "mute", "NoReply")
-    check_void(scenario, "deaf", "NoReply")
+    check_failed_read(scenario, "mute", "NoReply")
+    check_failed_read(scenario, "deaf", "NoReply")
     check_persistent_failure(scenario, "deaf")
     scenario.expect(str(scenario.bus.health(1).presence) == "offline", "a drive that never answers is called present")
 
@@ -217,7 +217,7 @@ def late_reply_to_the_same_request(run: CellRun) -> None:
     scenario = run.scenario()
     late_s = run.rng.uniform(*run.variant.lateness_range_s)
     late = scenario.unsolicited_count("late")
-    check_void(scenario, lambda transmit, data, when: transmit(data, when + late_s), "NoReply")
+    check_failed_read(scenario, lambda transmit, data, when: transmit(data, when + late_s), "NoReply")
     scenario.expect(scenario.unsolicited_count("late") == late + 1, "a late reply was not counted")
     scenario.expect(
         sum(event.kind is TraceKind.LATE for event in scenario.events) == 1, "a late reply was not reported"

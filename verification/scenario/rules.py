@@ -49,7 +49,7 @@ class FrameRules:
         self._min_timeout_s = min(
             variant.min_timeout_s + variant.min_timeout_characters * character_s, MIN_TIMEOUT_TOLERANCE_S
         )
-        self.misled_drives = False
+        self.echo_may_look_damaged = False
         """Whether an echo may look like a damaged reply: its setting is wrong, it comes in batches, or the port has no
         line timing. The master may then give up as soon as it has received it."""
         self._last: ClassifiedFrame | None = None
@@ -112,7 +112,7 @@ class FrameRules:
             self._violation(f"I6 {frame.start - last_received_at:.6f} s after a reply")
         allowed = (
             answered
-            or self.misled_drives
+            or self.echo_may_look_damaged
             or self._lost_at >= last.start
             or since >= self._min_timeout_s - TIME_EPSILON_S
         )
