@@ -227,6 +227,23 @@ def test_the_keyboard_alone_leads_from_the_fleet_to_a_stop(stage: Stage, visit: 
     page.locator(".stop-status.good").wait_for()
 
 
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_what_is_chosen_is_seen_with_the_colours_of_the_system(stage: Stage, visit: Any, scheme: str) -> None:
+    """High contrast replaces the backgrounds: forward and reverse, and all pages and tabs, looked alike."""
+    page = visit("#/drive/fan-1", theme=scheme, forced_colors="active")
+    page.click("[data-do=take]")
+    page.locator(".lease.own").wait_for()
+    background = "one => getComputedStyle(one).backgroundColor"
+    chosen, other = (page.locator(f".control .choice [aria-pressed={one}]") for one in ("true", "false"))
+    assert chosen.evaluate(background) != other.evaluate(background)
+    edge = "one => getComputedStyle(one).borderBottomColor"
+    for marked, rest in (
+        ("nav [aria-current]", "nav a:not([aria-current]) >> nth=0"),
+        ("[role=tab][aria-selected=true]", "[role=tab][aria-selected=false] >> nth=0"),
+    ):
+        assert page.locator(marked).evaluate(edge) != page.locator(rest).evaluate(edge)
+
+
 def test_the_language_and_the_theme_change_at_once_and_stay(stage: Stage, visit: Any) -> None:
     page = visit("#/fleet")
     page.click("text=中文")
