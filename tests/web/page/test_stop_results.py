@@ -175,3 +175,22 @@ def test_a_motion_that_was_read_before_a_stop_is_marked_until_the_drive_is_read_
     page.evaluate(show, ["running", -hour_ms])
     expect(mark).to_have_class("state active")
     expect(mark).not_to_contain_text(last_known)
+
+
+def test_a_stop_has_the_time_of_the_service_where_the_browser_has_another(stage: Stage, visit: Any) -> None:
+    """On a tablet whose clock was hours wrong it differed from the audit trail, and from the alarms beside it."""
+    page = visit("#/drive/fan-1")
+    page.add_init_script("{ const now = Date.now; Date.now = () => now() - 5 * 3_600_000; }")
+    page.reload()
+    page.wait_for_selector(".connection.live")
+    page.click("[data-stop=drive]")
+    page.locator(".stop-status.good").wait_for()
+    shown = page.locator(".stop-status time").inner_text()
+    recent = page.evaluate("""async () => {
+      const [{ clock }, { serviceNow }] = await Promise.all(
+        ["format", "store"].map((one) => import(`/static/js/${one}.js`)));
+      return Array.from({ length: 60 }, (_, n) => clock(serviceNow() - n * 1000));
+    }""")
+    assert shown in recent
+    wrong = page.evaluate("import('/static/js/format.js').then(({ clock }) => clock(Date.now()))")
+    assert wrong.split(":")[0] != shown.split(":")[0]

@@ -53,7 +53,7 @@ function change(id, fields) {
  * "quick_stop". `assume_model` sends it also to a station that has not answered as its model. Never raises. */
 export async function stop(kind, id = null, how = "stop", { assume_model = false } = {}) {
   const entryId = ++count;
-  const entry = { id: entryId, target: { kind, id }, how, phase: "sending", good: null, text: null, time_ms: Date.now() };
+  const entry = { id: entryId, target: { kind, id }, how, phase: "sending", good: null, text: null, time_ms: serviceNow() };
   stops.value = [entry, ...stops.peek().filter((one) => !isSettled(one) && !covers(entry.target, one.target))];
   const body = kind === "drive" ? { how, ...(assume_model ? { assume_model } : {}) } : {};
   const result = await sendUntilAnswered(entryId, entry.target, body);
@@ -69,7 +69,7 @@ function isConfirmedSince(id, { answered_ms, withheld }) {
 }
 
 function confirmedLater({ acknowledgedDrives = [] }) {
-  const done = { unconfirmed: [], good: true, time_ms: Date.now() };
+  const done = { unconfirmed: [], good: true, time_ms: serviceNow() };
   if (acknowledgedDrives.length > 0) return { ...done, ...acknowledgedBy(acknowledgedDrives) };
   return { ...done, text: () => t("page.stop_confirmed_later") };
 }
