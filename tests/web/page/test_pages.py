@@ -157,6 +157,34 @@ def test_the_list_of_incidents_tells_them_apart_by_their_faults(
     expect(row).to_contain_text(fault["text"][language].split(fault["label"])[-1])
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_an_event_of_an_incident_that_is_no_command_has_its_own_sign(stage: Stage, visit: Any, language: str) -> None:
+    """A lost station had the mark of a command in the chart, and "page.event_presence" for a screen reader."""
+    trip(stage, "fan-3")
+    page = visit("#/alarms?tab=incidents", language=language)
+
+    def with_event(route: Any) -> None:
+        answer = route.fetch()
+        found = answer.json()
+        event = {
+            "id": "e",
+            "time_ms": found["time_ms"] - 20_000,
+            "kind": "presence",
+            "drive": found["drive"],
+            "text": {"en": "offline", "zh": "离线"},
+            "actor": None,
+        }
+        route.fulfill(response=answer, json=found | {"events": [event]})
+
+    page.route("**/api/v1/incidents/*", with_event)
+    page.locator(".incidents a").first.click()
+    page.click(".trend-events summary")
+    row = page.locator(".trend-events .event-other")
+    row.wait_for()
+    assert row.locator(".sr").inner_text() == i18n.text("page.event_other", language)
+    assert row.locator(".sign").inner_text() == "●"
+
+
 def unread(route: Any) -> None:
     """Answer with an incident whose parameters could not be read."""
     answer = route.fetch()

@@ -3,7 +3,7 @@
 import { BAD } from "../quality.js";
 
 /** Each kind has its own shape, never only a colour. */
-const SHAPES = { command: triangle, stop: square, fault: cross, alarm: diamond };
+const SHAPES = { command: triangle, stop: square, fault: cross, alarm: diamond, other: dot };
 const STRIP_PX = 4;
 const STATE_PX = 16;
 /** Place of the row of states above the plot. */
@@ -41,10 +41,10 @@ function clustered(plot, markers, width) {
 const isAtEdge = (plot, x) => x > plot.bbox.left + plot.bbox.width - COUNT_PX * devicePixelRatio;
 
 /** Kinds by severity: the most severe of a group gives its shape. */
-const SEVERITY = ["fault", "alarm", "stop", "command"];
+const SEVERITY = ["fault", "alarm", "stop", "command", "other"];
 
 function drawMarker(plot, { x, markers }, colours, ratio) {
-  const kind = SEVERITY.find((name) => markers.some((marker) => marker.shape === name)) ?? "command";
+  const kind = SEVERITY.find((name) => markers.some((marker) => marker.shape === name)) ?? "other";
   const { ctx } = plot;
   const top = plot.bbox.top;
   ctx.strokeStyle = ctx.fillStyle = kind === "fault" || kind === "alarm" ? colours.fault : colours.mark;
@@ -117,6 +117,12 @@ function diamond(ctx, x, y, r) {
   ctx.lineTo(x + r, y);
   ctx.lineTo(x, y + r);
   ctx.lineTo(x - r, y);
+  ctx.fill();
+}
+
+function dot(ctx, x, y, r) {
+  ctx.beginPath();
+  ctx.arc(x, y, r * 0.8, 0, 2 * Math.PI);
   ctx.fill();
 }
 

@@ -5,7 +5,7 @@ import { driveTitle } from "../titles.js";
 import { moment } from "../format.js";
 
 const MAX_EVENTS = 50;
-const EVENT_ICONS = { command: "▼", stop: "■", fault: "✕", alarm: "◆" };
+const EVENT_ICONS = { command: "▼", stop: "■", fault: "✕", alarm: "◆", other: "●" };
 
 export function Events({ trend, source }) {
   const [isOpen, setOpen] = useState(false);
@@ -31,10 +31,11 @@ export function eventText({ drive, text }) {
 function EventRow({ event, trend }) {
   const centre = () => trend.show({ from: event.time_ms - trend.span / 2, to: event.time_ms + trend.span / 2 },
     { isStep: true });
-  return html`<button type="button" class=${`event event-${event.kind}`} onClick=${centre}>
-    <span class="sign" aria-hidden="true">${EVENT_ICONS[event.kind]}</span>
+  const kind = event.kind in EVENT_ICONS ? event.kind : "other";
+  return html`<button type="button" class=${`event event-${kind}`} onClick=${centre}>
+    <span class="sign" aria-hidden="true">${EVENT_ICONS[kind]}</span>
     <time>${moment(event.time_ms)}</time>
-    <span class="sr">${t(`page.event_${event.kind}`)}</span>
+    <span class="sr">${t(`page.event_${kind}`)}</span>
     <span class="what">${eventText(event)}</span>
     ${event.actor && html`<span class="actor">${event.actor}</span>`}</button>`;
 }

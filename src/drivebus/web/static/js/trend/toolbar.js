@@ -23,7 +23,7 @@ export function Toolbar({ trend, source }) {
         <${Button} aria-pressed=${trend.isLive.value ? "true" : "false"} class="toggle" data-trend="live"
           onClick=${() => (trend.isLive.peek() ? trend.pause() : trend.follow())}>${t("page.live")}<//>`}
       <${Button} aria-pressed=${trend.cursors.value ? "true" : "false"} class="toggle" data-trend="cursors"
-        title=${t("page.cursors_title")} aria-label=${t("page.cursors_title")}
+        title=${t("page.cursors_title")}
         onClick=${() => trend.toggleCursors()}>${t("page.cursors")}<//></div>
     <p class="trend-summary"><${WindowSummary} trend=${trend} source=${source} /></p></div>`;
 }
