@@ -4,6 +4,7 @@ import { hasKey, language, loadLanguage, t, titleOf } from "./i18n.js";
 import "./theme.js";
 import { loadSession, loggedIn, loginOnce, session, watchActivity } from "./session.js";
 import { openAlarms, unacknowledged } from "./alarms/alarm-list.js";
+import { startAlarmAnnouncement } from "./alarms/alarm-announcement.js";
 import { startAlarmSound } from "./alarms/alarm-sound.js";
 import { isLive, startLiveConnection } from "./live.js";
 import { startLeaseRenewal } from "./control/leases.js";
@@ -38,7 +39,7 @@ function CurrentPage() {
   // A browser caches the failure to fetch a module; only a reload of the page retries it.
   const canRetry = Boolean(loadProblem.value?.wasOffline) && isLive.value;
   useEffect(() => { if (canRetry) location.reload(); }, [canRetry]);
-  if (!exists) return html`<${Notice} kind="warning">${t("page.no_such_page")} <a href=${href("fleet")}>
+  if (!exists) return html`<h1 class="sr">drivebus</h1><${Notice} kind="warning">${t("page.no_such_page")} <a href=${href("fleet")}>
     ${t("page.nav_fleet")}</a><//>`;
   if (!Page && loadProblem.value) return html`<${Notice} kind="bad" live>${t("page.not_loaded")}<//>`;
   if (!Page) return html`<${Loading} />`;
@@ -108,4 +109,5 @@ loadSignalNames();
 startLeaseRenewal();
 watchTakeovers();
 startAlarmSound();
+startAlarmAnnouncement();
 keepFocus();

@@ -1,6 +1,7 @@
 // Frame of every page: header with navigation, connection state, alarm strip, stop bar.
 import { html, signal, useEffect, useRef } from "./lib.js";
 import { openAlarms, uncleared } from "./alarms/alarm-list.js";
+import { AlarmAnnouncement } from "./alarms/alarm-announcement.js";
 import { AlarmStrip } from "./alarms/alarm-strip.js";
 import { ControlRequestNotices } from "./control/request-notices.js";
 import { StopBar } from "./control/stop-bar.js";
@@ -29,6 +30,8 @@ const isMenuOpen = signal(false);
 const closedNotice = signal("");
 /** Session whose notice of failed logins the user has closed. */
 const closedLoginNotice = signal("");
+/** Version of the service from which the scripts of this page were loaded; null before its first message. */
+let loadedVersion = null;
 
 function NavLink({ page }) {
   const here = page === (PARENT_PAGES[route.value.page] ?? route.value.page);
@@ -81,6 +84,16 @@ function ServiceNotice() {
       ${t("page.close")}<//></div>`}</div>`;
 }
 
+/** Notice that the service has another version than when this page was loaded: its scripts are of the old one. */
+function NewVersion() {
+  const version = topic("plant").value?.version;
+  loadedVersion ??= version ?? null;
+  const shown = version && version !== loadedVersion;
+  return html`<div role="status">${shown && html`<div class="banner high" data-text="new-version"><${Icon} name="warning" />
+    <span>${t("page.new_version", { version, loaded: loadedVersion })}</span>
+    <${Button} onClick=${() => location.reload()} data-do="reload-page">${t("page.reload_page")}<//></div>`}</div>`;
+}
+
 /** Number of wrong passwords since the user's last login, until the user closes it. */
 function FailedLogins() {
   const { failed_logins: n, session: id } = session.value;
@@ -102,7 +115,7 @@ function PlantNotice() {
 function Notices() {
   const box = useRef(null);
   usePublishedHeight(box, "--notices");
-  return html`<div class="notices" ref=${box}><${ConnectionNotice} /><${ServiceNotice} /><${FailedLogins} /><${Unlock} />
+  return html`<div class="notices" ref=${box}><${ConnectionNotice} /><${NewVersion} /><${ServiceNotice} /><${FailedLogins} /><${Unlock} />
     <${TakeoverNotices} /><${ControlRequestNotices} /></div>`;
 }
 
@@ -112,7 +125,7 @@ export function Shell({ children }) {
   useEffect(restoreScroll, [page, id]);
   return html`<a class="skip" href="#main"
     onClick=${(event) => { event.preventDefault(); document.getElementById("main").focus(); }}>${t("page.skip")}</a>
-    <${PageHeader} /><${Notices} /><${AlarmStrip} />
+    <${PageHeader} /><${Notices} /><${AlarmAnnouncement} /><${AlarmStrip} />
     <main id="main" tabindex="-1" class=${isLive.value ? "" : "stale"}><${PlantNotice} />${children}</main>
       <${StopBar} />`;
 }

@@ -31,16 +31,21 @@ export function AlarmStrip() {
     : isLive.value && html`<p class="strip-calm"><${Icon} name="check" />${t("page.no_alarm_waits")}</p>`}</section>`;
 }
 
+/** An alarm in one line, or the group of equal ones. */
+export function alarmLine(equal) {
+  const [alarm] = equal;
+  if (equal.length > 1) return `${t("page.alarm_group", { title: localized(alarm.title), n: equal.length })} · ${groupSubject(equal)}`;
+  const titled = (alarm.drive && drive(alarm.drive).value) || isCleared(alarm); // the sentence says what no longer holds
+  return titled ? alarmSubject(alarm) + localized(alarm.title) : localized(alarm.text);
+}
+
 function StripAlarm({ equal, others }) {
   const [alarm] = equal;
   const cleared = isCleared(alarm);
-  const titled = (alarm.drive && drive(alarm.drive).value) || cleared; // the sentence says what no longer holds
-  const text = titled ? alarmSubject(alarm) + localized(alarm.title) : localized(alarm.text);
-  const group = t("page.alarm_group", { title: localized(alarm.title), n: equal.length });
+  const way = alarm.drive && equal.length === 1 ? href("drive", alarm.drive) : href("alarms");
   return html`<div class=${`banner alarm ${alarm.priority} ${cleared ? "cleared" : ""}`}><${PriorityMark}
     priority=${alarm.priority} />${cleared && html`<b class="state">${t("page.alarm_cleared")}</b>`}
-    ${equal.length > 1 ? html`<a href=${href("alarms")}>${group} · ${groupSubject(equal)}</a>`
-      : html`<a href=${alarm.drive ? href("drive", alarm.drive) : href("alarms")}>${withCommands(text)}</a>`}
+    <a href=${way}>${withCommands(alarmLine(equal))}</a>
     ${others > 0 && html`<a class="more" href=${href("alarms")}>${t("page.more_alarms", { n: others })}</a>`}
     ${may("operate") && html`<${Acknowledge} key=${equal.at(-1).id} alarms=${equal} />`}</div>`;
 }

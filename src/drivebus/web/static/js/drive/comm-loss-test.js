@@ -43,8 +43,8 @@ function TestForm({ view, onClose }) {
 function Progress({ view, test }) {
   const [execute, busy, error] = useRequest();
   const seconds = test.until_ms === null ? 0 : Math.max(0, Math.ceil((test.until_ms - tickingServiceNow()) / 1000));
-  return html`<${Notice} kind="warning" live title=${t("page.comm_loss_test")}>
-    <p>${t(`page.comm_loss_phase_${test.phase}`, { seconds })}</p>
+  return html`<${Notice} key=${test.phase} kind="warning" live title=${t("page.comm_loss_test")}>
+    <p role="timer">${t(`page.comm_loss_phase_${test.phase}`, { seconds })}</p>
     ${test.phase === "silent" && hasControl(view) && html`<${Button} busy=${busy} data-do="read-now"
       onClick=${() => execute(() => api.post(drivePath(view.id, "/comm-loss-test/read")))}>
       ${t("page.comm_loss_stopped_now")}<//>`}<${ErrorNote} error=${error} /><//>`;

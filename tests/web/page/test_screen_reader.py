@@ -1,0 +1,52 @@
+"""What a screen reader announces by itself."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from drivebus import i18n
+from fixtures.browser import Stage
+from fixtures.browser_actions import expecting, trip
+
+COUNTED = """async () => {
+  const region = document.querySelector("[data-text=alarm]");
+  window.announced = [];
+  new MutationObserver(() => { if (region.textContent) window.announced.push(region.textContent); })
+    .observe(region, { childList: true, characterData: true, subtree: true });
+}"""
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_new_urgent_alarm_is_announced_once_on_every_page(stage: Stage, visit: Any, language: str) -> None:
+    """It stood in the strip, which no screen reader announces; the sound does not name the drive."""
+    page = visit("#/settings", language=language)
+    page.locator("main h1").wait_for()
+    page.evaluate(COUNTED)
+    trip(stage, "fan-3")
+    page.wait_for_function("() => window.announced.length > 0")
+    name = {"en": "Flue gas fan", "zh": "引风机"}[language]
+    fault = i18n.text("alarms.title.fault", language)
+    page.wait_for_timeout(1500)
+    [text] = page.evaluate("window.announced")
+    assert name in text and fault in text and i18n.text("page.priority_critical", language) in text
+    assert page.locator("[data-text=alarm]").get_attribute("role") == "alert"
+    expecting()(page.locator("[data-text=alarm]")).to_have_text("")  # not longer than it may be true
+
+
+SILENT = """(left) => import("/static/js/drive/comm-loss-test.js").then(async ({ CommLossTest }) => {
+  const [{ html, render }, { serviceNow }] = await Promise.all(
+    ["lib", "store"].map((one) => import(`/static/js/${one}.js`)));
+  const view = { id: "fan-1", comm_loss: { test: { phase: "silent", until_ms: serviceNow() + 9000 } } };
+  render(html`<${CommLossTest} view=${view} />`, document.querySelector("main"));
+})"""
+
+
+def test_the_seconds_of_a_communication_loss_test_are_not_announced(visit: Any) -> None:
+    """Each second the whole notice was read again."""
+    page = visit("#/settings")
+    page.evaluate(SILENT)
+    notice = page.locator("main [role=alert]")
+    notice.wait_for()
+    assert notice.locator("[role=timer]").count() == 1
