@@ -8,6 +8,10 @@ import { isLive } from "./live.js";
 /** Ignore the key repeat of Enter: a held key presses a button once. */
 const ignoreRepeat = (event) => { if (event.repeat && event.key === "Enter") event.preventDefault(); };
 
+/** Whether a key belongs to an input method, such as the Enter that ends the input of Chinese. Safari reports that one after
+ * its end, with this code. */
+export const isComposing = ({ isComposing: isUnderWay, keyCode }) => isUnderWay || keyCode === 229;
+
 /** kind: "plain", "main" (the one thing to do here), "quiet", "danger". `busy` shows that an answer is awaited: the button
  * does nothing but keeps the focus, which a disabled one loses. */
 export function Button({ kind = "plain", busy = false, disabled = false, icon, children, class: more = "", onClick, ...rest }) {
@@ -115,7 +119,10 @@ export function Value({ found, big = false, brief = false, digits }) {
     ${!isGood && html`<${QualityNote} found=${found} why=${why} />`}</span>`;
 }
 
-/** A window over the page; Escape closes it. The stop bar stays in reach: it is not modal. */
+/** What the keyboard reaches while a window is open, beside the window itself. */
+const BESIDE_DIALOG = "dialog, .stopbar, .notices";
+
+/** A window over the page; Escape closes it. It is not modal: after its last field comes the stop bar, then the window again. */
 export function Dialog({ title, onClose, children, class: more = "" }) {
   const box = useRef(null);
   const id = useId();
@@ -123,12 +130,21 @@ export function Dialog({ title, onClose, children, class: more = "" }) {
     const before = document.activeElement;
     box.current.show();
     (box.current.querySelector("[data-first]") ?? box.current).focus();
-    return () => before?.focus?.();
+    const keepOut = ({ target, relatedTarget }) => {
+      if (target.closest(BESIDE_DIALOG)) return;
+      const next = box.current.contains(relatedTarget) ? document.querySelector(".stopbar button") : null;
+      (next ?? box.current).focus();
+    };
+    document.addEventListener("focusin", keepOut);
+    return () => {
+      document.removeEventListener("focusin", keepOut);
+      before?.focus?.();
+    };
   }, []);
   // On the document: a button that has been disabled under the finger has lost the focus. Before the paint: a key that
   // follows the first sight of the window closes it.
   useLayoutEffect(() => {
-    const key = (event) => { if (event.key === "Escape") onClose(); };
+    const key = (event) => { if (event.key === "Escape" && !isComposing(event)) onClose(); };
     document.addEventListener("keydown", key);
     return () => document.removeEventListener("keydown", key);
   });

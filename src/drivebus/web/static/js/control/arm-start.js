@@ -56,7 +56,11 @@ export function ArmStart({
     if (found) onDone?.(found);
   };
   const cancel = () => { disarm(); clear(); };
-  const key = (event) => { if (event.key === "Escape") cancel(); };
+  const key = (event) => {
+    if (event.key !== "Escape") return;
+    event.stopPropagation(); // the window that it stands in stays open
+    cancel();
+  };
 
   if (!armed) {
     return html`<div class="stack"><div class="row"><${Button} kind=${kind} disabled=${disabled} busy=${busy}

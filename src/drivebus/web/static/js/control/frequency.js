@@ -1,8 +1,8 @@
 // Input of a frequency: a number and a slider between the limits in force, which are shown.
-import { html } from "../lib.js";
+import { html, useRef } from "../lib.js";
 import { t } from "../i18n.js";
 import { numberOf } from "../format.js";
-import { Field } from "../ui.js";
+import { Field, isComposing } from "../ui.js";
 
 /** Error of a text as a frequency between the limits, or null. */
 export function frequencyError(text, { minimum_hz, maximum_hz }) {
@@ -24,12 +24,15 @@ export function Frequency({ label, value, onChange, onEnter, limits, disabled })
   const put = (event) => onChange(event.currentTarget.value);
   const wrong = String(value).trim() === "" ? null : frequencyError(value, limits);
   const key = (event) => {
-    if (event.key === "Enter" && !event.repeat && frequencyError(value, limits) === null) onEnter?.();
+    if (event.key === "Enter" && !event.repeat && !isComposing(event) && frequencyError(value, limits) === null) onEnter?.();
   };
+  // A finger that scrolls the page and begins on the slider has moved it before the browser takes it for a scroll.
+  const before = useRef(value);
   const help = t("page.hz_limits", { minimum_hz, maximum_hz });
   return html`<div class="frequency"><${Field} label=${label} wrong=${wrong} help=${help}><span class="withunit">
       <input inputmode="decimal" autocomplete="off" maxlength="12" value=${value} disabled=${disabled} onInput=${put}
         onKeyDown=${key} aria-invalid=${wrong ? "true" : undefined} /><span>Hz</span></span><//>
     <input type="range" aria-label=${label} step="0.1" min=${minimum_hz} max=${maximum_hz} disabled=${disabled}
-      value=${numberOf(value) ?? minimum_hz} onInput=${put} /></div>`;
+      value=${numberOf(value) ?? minimum_hz} onInput=${put} onPointerDown=${() => { before.current = value; }}
+      onPointerCancel=${() => onChange(before.current)} /></div>`;
 }

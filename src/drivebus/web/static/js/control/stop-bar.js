@@ -17,9 +17,30 @@ import { Button } from "../ui.js";
 
 const isMenuOpen = signal(false);
 
+/** Key that leads to the narrowest stop in reach, and with Shift to that of all drives. It stops nothing: Enter does. */
+const STOP_KEY = "F8";
+
+/** The stop of the focused tile, else of the drive or the group of the page, else of all. */
+function nearestStop(bar) {
+  return document.activeElement?.closest(".tile")?.querySelector(".tilestop") ?? bar.querySelector(".stops .stop");
+}
+
+function useStopKey(bar) {
+  useEffect(() => {
+    const key = (event) => {
+      if (event.key !== STOP_KEY || event.ctrlKey || event.altKey || event.metaKey || !bar.current) return;
+      event.preventDefault();
+      (event.shiftKey ? bar.current.querySelector("[data-stop=all]") : nearestStop(bar.current))?.focus();
+    };
+    addEventListener("keydown", key);
+    return () => removeEventListener("keydown", key);
+  }, []);
+}
+
 function StopButton({ kind, id, children, ...rest }) {
   return html`<button type="button" class="stop" data-stop=${kind} onClick=${() => stop(kind, id)} ...${rest}
-    title=${t(kind === "all" ? "page.stop_holds" : "page.stop_holds_not")}>
+    aria-keyshortcuts=${kind === "all" ? `Shift+${STOP_KEY}` : undefined}
+    title=${kind === "all" ? t("page.stop_holds", { key: `Shift+${STOP_KEY}` }) : t("page.stop_holds_not", { key: STOP_KEY })}>
     <${Icon} name="stop" size=${22} /><span><b>${t("page.bus_stop")}</b><span class="what">${children}</span></span>
       </button>`;
 }
@@ -77,6 +98,7 @@ function StopResults() {
 export function StopBar() {
   const bar = useRef(null);
   usePublishedHeight(bar, "--bar");
+  useStopKey(bar);
   if (!may("stop")) return html`<footer class="stopbar" ref=${bar}><p class="stop-status">${t("page.stop_no_right")}</p></footer>`;
   const { drive: id, groups } = scope();
   const every = idsOf("groups").value;

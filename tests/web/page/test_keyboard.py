@@ -1,0 +1,95 @@
+"""The page with the keyboard alone: the way to a stop, open windows, and keys that belong to an input method."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from drivebus import i18n
+from fixtures.browser import Stage
+from fixtures.browser_actions import expecting
+
+FOCUSED_STOP = "() => document.activeElement.dataset.stop ?? document.activeElement.getAttribute('aria-label')"
+
+
+@pytest.mark.parametrize(
+    ("way", "stop"),
+    [("#/drive/fan-1?tab=parameters", "drive"), ("#/fleet?group=air", "group"), ("#/settings?tab=users", "groups")],
+)
+def test_one_key_leads_to_the_nearest_stop_and_with_shift_to_that_of_all(visit: Any, way: str, stop: str) -> None:
+    """From the middle of a page the stop bar was up to a hundred presses of Tab away."""
+    page = visit(way, role="administrator")
+    page.locator(f"[data-stop={stop}]").wait_for()
+    page.keyboard.press("F8")
+    assert page.evaluate(FOCUSED_STOP) == stop
+    page.keyboard.press("Shift+F8")
+    assert page.evaluate(FOCUSED_STOP) == "all"
+
+
+def test_two_keys_stop_a_drive_from_an_open_window_and_the_drive_of_a_tile(stage: Stage, visit: Any) -> None:
+    page = visit("#/drive/fan-1")
+    page.get_by_role("button", name=i18n.text("page.limits_change", "en")).press("Enter")
+    page.locator("dialog input").first.focus()
+    page.keyboard.press("F8")
+    page.keyboard.press("Enter")
+    page.locator(".stop-status.good", has_text="Supply fan").wait_for()
+    page.goto(f"{stage.at}/#/fleet")
+    page.locator("[data-drive=pump-2]").focus()
+    page.keyboard.press("F8")
+    assert page.evaluate(FOCUSED_STOP) == i18n.text("page.stop_named", "en", name="Feed pump")
+
+
+def test_no_key_leads_from_an_open_window_to_what_it_covers(visit: Any) -> None:
+    """Tab went on to the buttons behind the window, which nobody could see: starts among them."""
+    page = visit("#/drive/fan-1")
+    page.get_by_role("button", name=i18n.text("page.limits_change", "en")).press("Enter")
+    page.locator("dialog").wait_for()
+    seen = set()
+    for _ in range(40):
+        page.keyboard.press("Tab")
+        seen.add(page.evaluate("document.activeElement.closest('dialog, .stopbar, .notices, main, .head')?.localName"))
+    assert seen - {None} == {"dialog", "footer"}  # none: the browser's own buttons
+    page.keyboard.press("F8")
+    page.keyboard.press("Shift+Tab")
+    assert page.evaluate("document.activeElement.closest('dialog') !== null")
+
+
+def test_escape_withdraws_the_second_step_and_leaves_its_window_open(stage: Stage, visit: Any) -> None:
+    page = visit("#/drive/fan-1")
+    page.click("[data-do=take]")
+    page.locator(".lease.own").wait_for()
+    page.click("[data-do=test-comm-loss]")
+    page.locator("dialog [data-step=first]").press("Enter")
+    page.locator("dialog .confirm").press("Escape")
+    page.locator("dialog [data-step=first]").wait_for()
+    page.keyboard.press("Escape")
+    page.locator("dialog").wait_for(state="detached")
+
+
+COMPOSING = "(one, key) => one.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true, isComposing: true }))"
+
+
+def test_a_key_of_an_input_method_sets_no_frequency_and_closes_no_window(stage: Stage, visit: Any) -> None:
+    """Enter takes over, and Escape drops, what is being composed: fullwidth digits, or the Chinese text of a reason."""
+    expect = expecting()
+    page = visit("#/drive/fan-1", language="zh")
+    page.click("[data-do=take]")
+    page.locator(".lease.own").wait_for()
+    sent: list[str] = []
+    page.on("request", lambda request: sent.append(request.url))
+    field = page.locator(".control .frequency input[inputmode=decimal]").first
+    field.fill("１２")
+    field.evaluate(COMPOSING, "Enter")
+    page.wait_for_timeout(200)
+    assert not [url for url in sent if url.endswith("/set-frequency")]
+    with page.expect_request("**/set-frequency"):
+        field.press("Enter")
+    page.click("[data-do=waive]")
+    reason = page.locator("dialog input")
+    reason.fill("台架")
+    reason.evaluate(COMPOSING, "Escape")
+    page.wait_for_timeout(200)
+    expect(reason).to_have_value("台架")
+    reason.press("Escape")
+    page.locator("dialog").wait_for(state="detached")
