@@ -4,6 +4,9 @@ import { loadPreference, savePreference } from "./preferences.js";
 
 export const LANGUAGES = { en: "English", zh: "中文" };
 
+/** Language as HTML names it. */
+export const languageTag = (name) => (name === "zh" ? "zh-CN" : "en");
+
 const browserLanguage = (navigator.language || "en").toLowerCase().startsWith("zh") ? "zh" : "en";
 const storedLanguage = loadPreference("language");
 
@@ -24,7 +27,7 @@ export async function loadLanguage(name) {
   unspaced = found["language.unspaced_letters"] ? new RegExp(found["language.unspaced_letters"]) : null;
   sentences.value = found;
   language.value = name;
-  document.documentElement.lang = name === "zh" ? "zh-CN" : "en";
+  document.documentElement.lang = languageTag(name);
 }
 
 /** Change the language and store the choice for the next visit. */

@@ -1,7 +1,7 @@
 // Buttons of the language, the theme and the sound of alarms.
 import { html } from "./lib.js";
 import { isSoundOn, isSoundPermitted, toggleSound } from "./alarms/alarm-sound.js";
-import { LANGUAGES, chooseLanguage, language, t } from "./i18n.js";
+import { LANGUAGES, chooseLanguage, language, languageTag, t } from "./i18n.js";
 import { session } from "./session.js";
 import { THEMES, chooseTheme, themeChoice } from "./theme.js";
 import { Button } from "./ui.js";
@@ -9,7 +9,7 @@ import { Button } from "./ui.js";
 export function PreferenceButtons() {
   const other = language.value === "zh" ? "en" : "zh";
   const next = THEMES[(THEMES.indexOf(themeChoice.value) + 1) % THEMES.length];
-  return html`<${Button} kind="quiet" lang=${other === "zh" ? "zh-CN" : "en"} onClick=${() => chooseLanguage(other)}>
+  return html`<${Button} kind="quiet" lang=${languageTag(other)} onClick=${() => chooseLanguage(other)}>
     ${LANGUAGES[other]}<//>
     <${Button} kind="quiet" icon="sun" onClick=${() => chooseTheme(next)}
       aria-label=${t("page.theme_is", { now: t(`page.theme_${themeChoice.value}`), next: t(`page.theme_${next}`) })}>

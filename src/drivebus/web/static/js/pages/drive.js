@@ -68,7 +68,7 @@ function Details({ view, query }) {
 export function Page({ id, query }) {
   const view = drive(id).value;
   if (!view && connection.value === "starting") return html`<${Loading} />`;
-  if (!view) return html`<${Notice} kind="warning">${t("page.no_such_drive", { id })} <a href=${href("fleet")}>
+  if (!view) return html`<h1>${id}</h1><${Notice} kind="warning">${t("page.no_such_drive", { id })} <a href=${href("fleet")}>
     ${t("page.nav_fleet")}</a><//>`;
   return html`<${Head} view=${view} /><${CurrentFault} view=${view} />
     <div class="drivegrid"><${Values} view=${view} /><div class="stack drivecontrol"><${ControlPanel} view=${view} />

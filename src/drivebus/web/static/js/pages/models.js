@@ -27,6 +27,6 @@ function Model({ id, query }) {
     ["faults", t("page.tab_faults"), () => html`<${KnownFaults} profile=${profile} />`],
   ];
   return html`${back}<h1>${localized(profile.maker)} ${localized(profile.title)}</h1><section class="panel">
-    <${Tabs} label=${t("page.details")} tabs=${tabs} value=${query.tab ?? "profile"}
+    <h2 class="sr">${t("page.details")}</h2><${Tabs} label=${t("page.details")} tabs=${tabs} value=${query.tab ?? "profile"}
       onChange=${(tab) => replaceQuery({ tab })} /></section>`;
 }

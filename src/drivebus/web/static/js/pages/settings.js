@@ -1,6 +1,6 @@
 // Settings: language and theme, own password and tokens, users, and the plant's configuration.
 import { html } from "../lib.js";
-import { LANGUAGES, chooseLanguage, language, t, titleOf } from "../i18n.js";
+import { LANGUAGES, chooseLanguage, language, languageTag, t, titleOf } from "../i18n.js";
 import { moment } from "../format.js";
 import { THEMES, chooseTheme, themeChoice } from "../theme.js";
 import { replaceQuery } from "../router.js";
@@ -35,7 +35,7 @@ function OwnAccount() {
   const { user, role, rights } = session.value;
   return html`<div class="stack"><section class="panel stack"><h2>${t("page.looks")}</h2>
       <div class="row"><span>${t("page.language")}</span><${Choice} label=${t("page.language")} value=${language.value}
-        options=${Object.entries(LANGUAGES)} onChange=${chooseLanguage} /></div>
+        options=${Object.entries(LANGUAGES).map(([name, text]) => [name, html`<span lang=${languageTag(name)}>${text}</span>`])} onChange=${chooseLanguage} /></div>
       <div class="row"><span>${t("page.theme")}</span><${Choice} label=${t("page.theme")} value=${themeChoice.value}
         options=${THEMES.map((name) => [name, t(`page.theme_${name}`)])} onChange=${chooseTheme} /></div></section>
     <section class="panel stack"><h2>${user}</h2><dl class="facts">
