@@ -755,7 +755,7 @@ class BusCore:
             after_foreign_request = frame.kind is TraceKind.FOREIGN_REQUEST
             if after_foreign_request:
                 self.unsolicited.record_foreign_request(received_at)
-            self.echo.note_repeat(data[: frame.size])
+            self.echo.record_repeat(data[: frame.size])
             self._record_unsolicited(frame, data[: frame.size], received_at, now)
             data = data[frame.size :]
 

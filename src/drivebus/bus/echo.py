@@ -90,7 +90,7 @@ class EchoDetector:
         self._mirrored_frame = transaction.prepared.data if self.autodetect and not self.ruled_out else b""
         return self.ruled_out
 
-    def note_repeat(self, data: bytes) -> None:
+    def record_repeat(self, data: bytes) -> None:
         """Check an unsolicited frame: a repeat of the last mirrored frame proves that the first one was our echo."""
         if data and data == self._mirrored_frame:
             self.state, self._mirrored_frame = EchoState.ON, b""

@@ -249,12 +249,13 @@ def _merge_chain(sources: list[_TomlSource]) -> dict[str, Any]:
     for source in reversed(sources):
         data = {key: value for key, value in source.data.items() if key != "extends"}
         result = _merge(
-            result, data | {name: _inherit_scale(data[name]) for name in ("signals", "parameters") if name in data}
+            result,
+            data | {name: _mark_scales_published(data[name]) for name in ("signals", "parameters") if name in data},
         )
     return result
 
 
-def _inherit_scale(table: Any) -> Any:
+def _mark_scales_published(table: Any) -> Any:
     """Mark the scale of each entry with a ``factor`` as published, unless it says otherwise itself."""
     if not isinstance(table, Mapping):
         return table

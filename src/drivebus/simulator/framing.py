@@ -69,6 +69,7 @@ class FrameReceiver:
         """Tolerance of measured silences in seconds (jitter of the operating system)."""
         self.decision_delay_s = self.gap_s if rule.ends_by_silence else 0.0
         """Delay from the last byte to the decision on a frame, in seconds."""
+        self._start_characters = tuple(bytes((byte,)) for byte in rule.start_bytes)
         self._buffer = bytearray()
         self._corrupted = self._ignoring = self._short_gap = False
         self._silence_s = 0.0
@@ -83,7 +84,7 @@ class FrameReceiver:
             self._begin_frame(silence_s, short=False)
             data = data[at:]
         self._corrupted = self._corrupted or line_errors > 0
-        if self._ignoring or (not self._buffer and self.rule.start_bytes and data[:1] not in self._start_characters()):
+        if self._ignoring or (not self._buffer and self.rule.start_bytes and data[:1] not in self._start_characters):
             self._ignoring = True
             return []
         self._buffer += data
@@ -97,9 +98,6 @@ class FrameReceiver:
             return []
         received = self._decode(frame)
         return [received] if received is not None and len(received.frame) == len(frame) else []
-
-    def _start_characters(self) -> tuple[bytes, ...]:
-        return tuple(bytes((byte,)) for byte in self.rule.start_bytes)
 
     def _begin_frame(self, silence_s: float, short: bool) -> None:
         self._buffer.clear()

@@ -71,7 +71,7 @@ def run(
         raise PortLost("drives.start_not_sent_port", why=Text.per_language(error.text)) from error
     if actual_hz == 0.0 and outcome.succeeded:
         outcome = with_note(outcome, "drives.run_at_zero")
-    return _note_unread_preconditions(op, outcome)
+    return _with_unread_preconditions(op, outcome)
 
 
 def check_run(drive: DriveContext, frequency_hz: float, direction: Direction | None, *, will_wait: bool) -> None:
@@ -345,7 +345,7 @@ def _check_setpoint(op: OperationContext, outcome: Outcome, word: int, frequency
     return with_note(merged, "drives.setpoint_not_shown", frequency_hz=frequency_hz)
 
 
-def _note_unread_preconditions(op: OperationContext, outcome: Outcome) -> Outcome:
+def _with_unread_preconditions(op: OperationContext, outcome: Outcome) -> Outcome:
     """Name the preconditions that could not be read; none is assumed to be met."""
     preflight = op.drive.preflight
     for notation, why in preflight.unreadable if preflight else ():

@@ -164,7 +164,7 @@ class CommLossTests:
         """Stop the drive, also where it has tripped: the start command of some models would outlive the fault."""
         if self._was_stopped(test):
             return
-        self.plant.note_stop(test.runtime, by=test.actor.name, kind="test")
+        self.plant.record_stop_request(test.runtime, by=test.actor.name, kind="test")
         try:
             outcome = await self.commands.finish_stop(test.runtime, test.runtime.drive.stop())
         except DrivebusError:

@@ -211,7 +211,7 @@ class DriveCommands:
         """Stop a drive: without lease, arming or audit record, and queued before anything is awaited."""
         runtime = self.plant.drive_runtime(params.drive)
         kind: StopKind = "automatic" if actor.name == SERVICE_NAME else "drive"
-        self.plant.note_stop(runtime, by=actor.name, kind=kind)
+        self.plant.record_stop_request(runtime, by=actor.name, kind=kind)
         if params.assume_model:
             runtime.drive.assume_model()
         stops = {"stop": runtime.drive.stop, "coast": runtime.drive.coast, "quick_stop": runtime.drive.quick_stop}

@@ -70,7 +70,7 @@ class RemoteJogs:
         """End a jog, also one of another session: only the right to stop is needed."""
         jog = self._find(params)
         self._active.pop(params.jog, None)
-        self.plant.note_stop(jog.drive, by=actor.name, kind="jog")
+        self.plant.record_stop_request(jog.drive, by=actor.name, kind="jog")
         outcome = await self.commands.finish_stop(jog.drive, jog.session.stop())
         return self.commands.publish_outcome(jog.drive, "stop", outcome, actor)
 
@@ -85,7 +85,7 @@ class RemoteJogs:
         for id, jog in tuple(self._active.items()):
             if jog.session.expired:
                 del self._active[id]
-                self.plant.note_stop(jog.drive, by=jog.actor.name, kind="jog")
+                self.plant.record_stop_request(jog.drive, by=jog.actor.name, kind="jog")
                 self.plant.publish_event("lease", jog.drive.id, "plant.jog_lost", actor=jog.actor.name)
                 task = asyncio.create_task(self._finish_expired(jog), name=f"lost jog of {jog.drive.id}")
                 self._stop_tasks.add(task)

@@ -24,7 +24,7 @@ from drivebus.values import Text
 
 SERVICE_STOP_TIMEOUT_S = 2.8
 """An ending service reports the outcome of its stops within three seconds, confirmed or not."""
-SERVICE_STOP_CHECK_S = 0.05  # between two looks for outcomes and for first reads
+SERVICE_STOP_CHECK_S = 0.05  # between two checks of outcomes and first reads
 
 
 class StopCommands:
@@ -37,7 +37,7 @@ class StopCommands:
     async def stop_all(self, params: NoParams, actor: Actor) -> Json:
         """Stop all buses at once, each by broadcast and then drive by drive; starts stay inhibited."""
         plant = self.plant
-        plant.note_stop(*plant.drives.values(), by=actor.name, kind="all")
+        plant.record_stop_request(*plant.drives.values(), by=actor.name, kind="all")
         drives = {id: list(bus_runtime.drives.values()) for id, bus_runtime in plant.buses.items()}
         reports = await asyncio.gather(
             *(stop_bus(plant.buses[id].bus, [runtime.drive for runtime in runtimes]) for id, runtimes in drives.items())
@@ -93,10 +93,10 @@ class StopCommands:
 
     async def stop_many(self, runtimes: Iterable[DriveRuntime], actor: Actor) -> Json:
         """Stop drives at once; return the outcome or error of each."""
-        wanted = list(runtimes)
-        self.plant.note_stop(*wanted, by=actor.name, kind="group")
-        found = await asyncio.gather(*(self._stop_one(runtime, actor, len(wanted)) for runtime in wanted))
-        return {runtime.id: answer for runtime, answer in zip(wanted, found, strict=True)}
+        stopped = list(runtimes)
+        self.plant.record_stop_request(*stopped, by=actor.name, kind="group")
+        answers = await asyncio.gather(*(self._stop_one(runtime, actor, len(stopped)) for runtime in stopped))
+        return {runtime.id: answer for runtime, answer in zip(stopped, answers, strict=True)}
 
     async def _stop_one(self, runtime: DriveRuntime, actor: Actor, concurrent: int) -> Json:
         try:
@@ -119,7 +119,7 @@ class StopCommands:
         while plant.now() < timeout_at:
             others = [runtime for runtime in plant.drives.values() if runtime not in stops]
             started = [runtime for runtime in others if _stops_with_service(runtime)]
-            plant.note_stop(*started, by=actor.name, kind="service")
+            plant.record_stop_request(*started, by=actor.name, kind="service")
             stops |= {runtime: asyncio.create_task(self._stop_one(runtime, actor, len(started))) for runtime in started}
             if all(task.done() for task in stops.values()) and not any(other.awaits_first_read for other in others):
                 break

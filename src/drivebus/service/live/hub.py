@@ -43,7 +43,7 @@ class Hub:
             return
         self.topics[topic] = content
         for subscriber in self._subscribers_of(topic):
-            subscriber.note_changed(topic)
+            subscriber.mark_changed(topic)
 
     def append(self, topic: str, item: ListItem) -> int:
         """Add an item to a list topic; return its number, counted from 1."""
@@ -57,7 +57,7 @@ class Hub:
         """Remove a topic or list."""
         if self.topics.pop(topic, None) is not None or self._lists.pop(topic, None) is not None:
             for subscriber in self._subscribers_of(topic):
-                subscriber.note_removed(topic)
+                subscriber.mark_removed(topic)
 
     def items(self, topic: str, after: int = 0) -> list[tuple[int, ListItem]]:
         """Return the kept items of a list with numbers above ``after``."""
@@ -143,12 +143,12 @@ class _Subscriber:
         self._changed: dict[str, None] = {}
         self._removed: set[str] = set()
 
-    def note_changed(self, topic: str) -> None:
+    def mark_changed(self, topic: str) -> None:
         self._removed.discard(topic)
         self._changed[topic] = None
         self.wakeup.set()
 
-    def note_removed(self, topic: str) -> None:
+    def mark_removed(self, topic: str) -> None:
         self._changed.pop(topic, None)
         self._removed.add(topic)
         self.wakeup.set()

@@ -305,8 +305,8 @@ class Plant:
                 "alarm", alarm.drive or None, text, actor, word, log=alarm.kind not in SEPARATELY_LOGGED_ALARMS
             )
 
-    def note_stop(self, *runtimes: DriveRuntime, by: str, kind: StopKind) -> None:
-        """Count and name a stop request, and revoke the arm tokens of these drives and their groups. ``by``: a user."""
+    def record_stop_request(self, *runtimes: DriveRuntime, by: str, kind: StopKind) -> None:
+        """Record a stop request of these drives by the user ``by``; revoke their arm tokens and those of their groups."""
         for runtime in runtimes:
             self.revoke_arm_tokens(runtime.id)
             runtime.last_stop = StopObject(kind, by, self.wall_ms())
