@@ -306,7 +306,7 @@ class Plant:
             )
 
     def record_stop_request(self, *runtimes: DriveRuntime, by: str, kind: StopKind) -> None:
-        """Record a stop request of these drives by the user ``by``; revoke their arm tokens and those of their groups."""
+        """Record a stop request of these drives by the user ``by``; revoke the arm tokens of them and their groups."""
         for runtime in runtimes:
             self.revoke_arm_tokens(runtime.id)
             runtime.last_stop = StopObject(kind, by, self.wall_ms())
