@@ -14,7 +14,7 @@ from drivebus.bus.trace import TraceKind
 from drivebus.drives import MemoryStore
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.state import DriveState
-from drivebus.errors import StopUnconfirmed
+from drivebus.errors import InvalidParameters, StopUnconfirmed
 from drivebus.protocols.codec import Effect
 from drivebus.service.app import Service
 from drivebus.service.config.model import BusConfig, InterlockConfig, OnRestart, OnServiceStop
@@ -200,9 +200,10 @@ def test_waivers_and_limits_survive_a_restart_within_the_limits_of_the_file() ->
         store = MemoryStore()
         async with running_service(store=store) as kit:
             await kit.grant_waivers("pump-1")
-            await kit.call("drive.limits", drive="pump-1", minimum_hz=5.0, maximum_hz=40.0, reverse=False)
+            limits = {"minimum_hz": 5.0, "maximum_hz": 40.0, "forward": True, "reverse": False}
+            await kit.call("drive.limits", drive="pump-1", **limits)
             with pytest.raises(Exception, match="limits of pump-1"):
-                await kit.call("drive.limits", drive="pump-1", maximum_hz=900.0)
+                await kit.call("drive.limits", drive="pump-1", **limits | {"maximum_hz": 900.0})
         async with running_service(store=store) as kit:
             view = await kit.call("drives.get", drive="pump-1")
             assert view["comm_loss"]["waiver"] == "test bench (tester)"
@@ -214,5 +215,22 @@ def test_waivers_and_limits_survive_a_restart_within_the_limits_of_the_file() ->
         narrowed = plant_config(drives=drives)
         async with running_service(narrowed, store=store) as kit:
             assert (await kit.call("drives.get", drive="pump-1"))["maximum_hz"] == 30.0
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("omitted", ["minimum_hz", "maximum_hz", "forward", "reverse"])
+def test_a_change_of_limits_that_leaves_one_out_is_refused_and_loosens_none(omitted: str) -> None:
+    """A lower maximum without the directions permitted reverse again."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            forbidden = {"minimum_hz": 5.0, "maximum_hz": 40.0, "forward": True, "reverse": False}
+            await kit.call("drive.limits", drive="pump-1", **forbidden)
+            before = kit.service.plant.drives["pump-1"].drive.limits
+            incomplete = {name: value for name, value in forbidden.items() if name != omitted}
+            with pytest.raises(InvalidParameters, match=omitted):
+                await kit.call("drive.limits", drive="pump-1", **incomplete)
+            assert kit.service.plant.drives["pump-1"].drive.limits == before
 
     run(scenario())

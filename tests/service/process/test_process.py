@@ -27,6 +27,7 @@ from drivebus.errors import AuditUnavailable, ConfigurationError, StopUnconfirme
 from drivebus.service.auth.actor import local_actor
 from drivebus.service.ipc.client import SocketClient
 from drivebus.service.ipc.protocol import SERVICE_SOCKET, STOP_SOCKET, socket_path
+from fixtures.service import WIDEST_LIMITS
 
 COMMAND = [sys.executable, "-m", "drivebus"]
 PLANT = """
@@ -155,7 +156,7 @@ def test_a_service_with_a_read_only_directory_stops_and_refuses_what_it_cannot_r
         await client.call("drive.set_frequency", {"drive": "fan-1", "frequency_hz": 10.0}, ME)
         for operation, params in (
             ("drive.run", {"frequency_hz": 10.0}),
-            ("drive.limits", {"maximum_hz": 20.0}),
+            ("drive.limits", {**WIDEST_LIMITS, "maximum_hz": 20.0}),
             ("waiver.grant", {"reason": "test bench"}),
         ):
             with pytest.raises(AuditUnavailable, match="Read-only file system"):

@@ -13,6 +13,7 @@ import pytest
 
 from drivebus import atomic_write
 from drivebus.drives import Drive, FileStore, MemoryStore, store
+from drivebus.drives.context import DriveLimits
 from drivebus.errors import ConfigurationError, ServiceError
 from drivebus.service.app import Service, build_service
 from drivebus.service.storage.settings import StoredSettings, recover_settings
@@ -20,7 +21,7 @@ from drivebus.service.storage.storage import Storage
 from drivebus.simulator.port import clear_simulated_buses
 from drivebus.types import Json
 from fixtures.drives import SimulatedDrives
-from fixtures.service import LOCAL, plant_config
+from fixtures.service import LOCAL, WIDEST_LIMITS, plant_config
 
 DAMAGED = {
     "random bytes": b"\x80\x9f\x00\xff\xfe",
@@ -71,7 +72,7 @@ async def test_the_service_starts_and_stops_with_damaged_settings_and_refuses_on
         with pytest.raises(ServiceError, match="limits of fan-1 are lost"):
             await service.call("drive.set_frequency", {"drive": "fan-1", "frequency_hz": 5.0}, LOCAL)
         assert (await service.call("plant.stop", {}, LOCAL))["outcomes"].keys() == service.plant.drives.keys()
-        await service.call("drive.limits", {"drive": "fan-1", "maximum_hz": 30.0}, LOCAL)
+        await service.call("drive.limits", {"drive": "fan-1", **WIDEST_LIMITS, "maximum_hz": 30.0}, LOCAL)
         assert "plant.limits_lost" not in await blockers(service, "fan-1")
     async with service_in(tmp_path) as service:
         assert service.plant.drives["fan-1"].drive.range_hz[1] == 30.0
@@ -79,7 +80,7 @@ async def test_the_service_starts_and_stops_with_damaged_settings_and_refuses_on
         assert "plant.limits_lost" in await blockers(service, "fan-2")
         for drive in ("fan-2", "pump-1", "pump-2"):
             assert lost_alarms(service)
-            await service.call("drive.limits", {"drive": drive}, LOCAL)
+            await service.call("drive.limits", {"drive": drive, **WIDEST_LIMITS}, LOCAL)
         assert not lost_alarms(service)
 
 
@@ -135,28 +136,37 @@ def test_a_damaged_file_exists_at_every_moment_until_it_is_replaced(
     assert StoredSettings.of(found, "fan-1").limits_lost
 
 
+COMPLETE_LIMITS = '"minimum_hz": 0.0, "maximum_hz": null, "forward": true, "reverse": true'
+
+
 @pytest.mark.parametrize(
-    "limits",
+    "wrong",
     [
-        '{"maximum_hz": "abc"}',
-        '{"maximum_hz": NaN}',
-        '{"maximum_hz": 1e999}',
-        '{"maximum_hz": true}',
-        f'{{"maximum_hz": 1{"0" * 400}}}',
-        '{"minimum_hz": null}',
-        '{"minimum_hz": [5]}',
-        '{"forward": "no"}',
-        '{"reverse": 0}',
-        '{"eeprom_writes_per_day": "1"}',
-        "[15.0]",
-        "null",
-        "15.0",
-        "",
+        '"maximum_hz": "abc"',
+        '"maximum_hz": NaN',
+        '"maximum_hz": 1e999',
+        '"maximum_hz": true',
+        f'"maximum_hz": 1{"0" * 400}',
+        '"minimum_hz": null',
+        '"minimum_hz": [5]',
+        '"forward": "no"',
+        '"reverse": 0',
+        '"eeprom_writes_per_day": "1"',
     ],
 )
-def test_limits_of_a_wrong_type_count_as_lost(limits: str) -> None:
+def test_limits_of_a_wrong_type_count_as_lost(wrong: str) -> None:
     found = MemoryStore()
-    found.put("limits/fan-1", limits)
+    found.put("limits/fan-1", f"{{{COMPLETE_LIMITS}}}")
+    assert StoredSettings.of(found, "fan-1") == StoredSettings(None, DriveLimits(), False)
+    found.put("limits/fan-1", f"{{{COMPLETE_LIMITS}, {wrong}}}")
+    assert StoredSettings.of(found, "fan-1") == StoredSettings(None, None, True)
+
+
+@pytest.mark.parametrize("stored", ["[15.0]", "null", "15.0", "", '{"minimum_hz": 0.0, "maximum_hz": 30.0}'])
+def test_limits_that_are_not_complete_count_as_lost(stored: str) -> None:
+    """Without its directions a record would permit reverse, which the engineer may have forbidden."""
+    found = MemoryStore()
+    found.put("limits/fan-1", stored)
     assert StoredSettings.of(found, "fan-1") == StoredSettings(None, None, True)
 
 

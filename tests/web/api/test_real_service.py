@@ -18,6 +18,7 @@ from drivebus.service.auth.rights import ROLE_RIGHTS, Role
 from drivebus.service.ipc.client import SocketClient
 from drivebus.types import Json
 from fixtures.running_service import RunningService, http_service, token
+from fixtures.service import WIDEST_LIMITS
 from fixtures.web_app import WebAppHarness
 
 
@@ -111,7 +112,7 @@ def by_socket(plant: RunningService, actor: Actor, operation: str, params: Json)
 
 
 FIELDS = [
-    ("drive.limits", {"drive": "fan-1", "maximum_hz": 400.0}, Role.OPERATOR),
+    ("drive.limits", {"drive": "fan-1", **WIDEST_LIMITS, "maximum_hz": 400.0}, Role.OPERATOR),
     ("parameters.write", {"drive": "fan-1", "values": {"F1.10": 1.0}}, Role.OPERATOR),
     ("parameters.write", {"drive": "fan-1", "values": {"F1.10": 1.0}, "save": True}, Role.OPERATOR),
     ("waiver.grant", {"drive": "fan-1", "reason": "because"}, Role.OPERATOR),
@@ -140,7 +141,7 @@ BEYOND = [
     ("drive.set_frequency", {"drive": "fan-1", "frequency_hz": True}),
     ("drive.set_frequency", {"drive": "fan-1", "frequency_hz": 10**400}),
     ("drive.set_frequency", {"drive": "fan-1", "frequency_hz": 25.0, "force": True}),
-    ("drive.limits", {"drive": "fan-1", "maximum_hz": 400.0}),
+    ("drive.limits", {"drive": "fan-1", **WIDEST_LIMITS, "maximum_hz": 400.0}),
     ("parameters.write", {"drive": "fan-1", "values": {"F9.99": 1.0}}),
     ("parameters.write", {"drive": "fan-1", "values": {"output_frequency": 1.0}}),
     ("drive.run", {"drive": "no-such-drive", "frequency_hz": 5.0}),

@@ -21,7 +21,7 @@ from drivebus.types import Json
 from drivebus.values import Text
 from drivebus.web.operations import WEB_OPERATIONS
 from fixtures.running_service import RunningService, http_service, token
-from fixtures.service import SHOP_FILE
+from fixtures.service import SHOP_FILE, WIDEST_LIMITS
 from fixtures.web_app import PASSWORD, WebAppHarness
 
 ALL_OPERATIONS = OPERATIONS | WEB_OPERATIONS
@@ -180,7 +180,7 @@ def command_drives(api: CheckedClient) -> None:
     api.call("waiver.revoke", drive="fan-1")
     assert api.call("drives.get", drive="fan-1")["start_blockers"]
     api.call("waiver.grant", drive="fan-1", reason="test bench")
-    api.call("drive.limits", drive="fan-1", maximum_hz=45.0)
+    api.call("drive.limits", drive="fan-1", **WIDEST_LIMITS | {"maximum_hz": 45.0})
     token = arm(api, "fan-1")
     assert api.call("drive.run", drive="fan-1", frequency_hz=5.0, arm_token=token)["outcome"]["frames"]
     api.call("drive.set_frequency", drive="fan-1", frequency_hz=6.0)

@@ -13,6 +13,7 @@ from drivebus.drives.permissives import unmet_bus_permissives
 from drivebus.simulator.motor import Trip
 from fixtures.browser import Stage
 from fixtures.browser_actions import expecting
+from fixtures.service import WIDEST_LIMITS
 
 
 def take(page: Any) -> None:
@@ -307,7 +308,7 @@ def test_a_viewer_is_offered_no_command(stage: Stage, visit: Any) -> None:
 
 def test_a_forbidden_direction_is_not_offered_and_stays_forbidden(stage: Stage, visit: Any) -> None:
     """A later change of another limit does not allow the direction again."""
-    stage.call("drive.limits", drive="fan-2", reverse=False)
+    stage.call("drive.limits", drive="fan-2", **WIDEST_LIMITS | {"reverse": False})
     try:
         page = visit("#/drive/fan-2")
         only = i18n.text("page.limits_only", "en", way="forward")
@@ -320,7 +321,7 @@ def test_a_forbidden_direction_is_not_offered_and_stays_forbidden(stage: Stage, 
         view = stage.view("fan-2")
         assert (view["maximum_hz"], view["directions"]) == (40.0, ["forward"])
     finally:
-        stage.call("drive.limits", drive="fan-2")
+        stage.call("drive.limits", drive="fan-2", **WIDEST_LIMITS)
 
 
 def test_a_start_needs_two_steps_within_its_seconds(stage: Stage, visit: Any) -> None:

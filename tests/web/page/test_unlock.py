@@ -11,6 +11,7 @@ from drivebus import i18n
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S
 from drivebus.values import Text
 from fixtures.browser import Stage
+from fixtures.service import WIDEST_LIMITS
 from fixtures.web_app import PASSWORD
 
 
@@ -94,7 +95,7 @@ def test_a_dialog_of_a_session_that_falls_idle_is_unlocked_in_place_and_keeps_it
         page.locator(".dialog").wait_for(state="detached")
         assert stage.view("fan-2")["maximum_hz"] == 41.0
     finally:
-        stage.call("drive.limits", drive="fan-2")
+        stage.call("drive.limits", drive="fan-2", **WIDEST_LIMITS)
 
 
 def test_a_notice_of_the_service_stays_until_it_is_closed_and_a_new_one_comes(stage: Stage, visit: Any) -> None:

@@ -17,7 +17,7 @@ from drivebus.service.auth.rights import ROLE_RIGHTS, AccessLevel, Role
 from drivebus.testing.virtual_time import run
 from drivebus.web.app import declared_routes
 from drivebus.web.route import WEBSOCKET
-from fixtures.service import ServiceKit, running_service
+from fixtures.service import WIDEST_LIMITS, ServiceKit, running_service
 from fixtures.web_app import WebAppHarness
 
 Scenario = Callable[[ServiceKit, WebAppHarness], Awaitable[None]]
@@ -153,7 +153,7 @@ def test_a_clock_that_is_a_day_off_changes_nothing(skew_s: int, tmp_path: Path) 
 
 
 FIELDS: list[tuple[str, str, Any]] = [
-    ("PUT", "/drives/fan-1/limits", {"maximum_hz": 50.0}),
+    ("PUT", "/drives/fan-1/limits", {**WIDEST_LIMITS, "maximum_hz": 50.0}),
     ("POST", "/drives/fan-1/parameters/write", {"values": {"F0.1": 1.0}}),
     ("POST", "/drives/fan-1/parameters/write", {"values": {"F0.1": 1.0}, "save": True}),
     ("POST", "/drives/fan-1/waiver", {"reason": "because"}),

@@ -53,8 +53,13 @@ def limits_key(drive: str) -> str:
 
 
 def _limits_from_json(text: str) -> DriveLimits:
-    """Return stored limits. Raises ValueError, TypeError, OverflowError or ConfigurationError for anything else."""
-    limits = DriveLimits(**json.loads(text))
+    """Return stored limits. Raises ValueError, TypeError, OverflowError or ConfigurationError for anything else, also
+    where one is missing: its default might permit what an engineer forbade.
+    """
+    stored = json.loads(text)
+    limits = DriveLimits(**stored)
+    if missing := {"minimum_hz", "maximum_hz", "forward", "reverse"} - stored.keys():
+        raise ValueError(f"without {', '.join(sorted(missing))}")
     frequencies_hz = [limits.minimum_hz, *([] if limits.maximum_hz is None else [limits.maximum_hz])]
     if not all(type(hz) in (int, float) and math.isfinite(hz) for hz in frequencies_hz):
         raise TypeError("a frequency is not a finite number")

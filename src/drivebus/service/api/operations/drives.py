@@ -92,12 +92,12 @@ class WaiverParams(DriveParams):
 
 
 class LimitsParams(DriveParams):
-    """Frequency range in hertz and permitted directions."""
+    """Frequency range in hertz and permitted directions. None has a default, which would loosen a limit left out."""
 
-    minimum_hz: Frequency = Field(default=0.0, examples=[5.0])
-    maximum_hz: Frequency | None = Field(default=None, examples=[50.0])
-    forward: bool = Field(default=True, examples=[True])
-    reverse: bool = Field(default=True, examples=[False])
+    minimum_hz: Annotated[Frequency, Field(examples=[5.0])]
+    maximum_hz: Annotated[Frequency | None, Field(examples=[50.0])]
+    forward: Annotated[bool, Field(examples=[True])]
+    reverse: Annotated[bool, Field(examples=[False])]
 
 
 class ParameterReadParams(DriveParams):
@@ -470,5 +470,9 @@ DRIVE_LIMITS = Operation(
     params=LimitsParams,
     response=LimitsResponse,
     audit=Audit.REQUIRED,
-    summary=Text("Set the limits of a drive", "设置变频器的限值"),
+    summary=Text(
+        "Set all limits of a drive together: each must be given, so that none is loosened because it was left out; "
+        "`maximum_hz` null is that of the configuration",
+        "一次设置变频器的全部限值：每项都须写明，以免漏写一项就放宽该项；`maximum_hz` 为 null 表示采用配置中的值",
+    ),
 )
