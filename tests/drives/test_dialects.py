@@ -384,7 +384,7 @@ def test_the_cap_is_five_while_one_hertz_a_digit_is_possible() -> None:
 
 @pytest.mark.parametrize(("hz", "word"), [(0.1, 1), (0.5, 5)])
 def test_an_uncalibrated_dzb100_accepts_frequencies_below_the_cap(hz: float, word: int) -> None:
-    assert dialect_for("dzb100").setpoint_word(hz) == word
+    assert dialect_for("dzb100").setpoint_word(hz) == word and dialect_for("dzb100").setpoint_cap_hz == 0.5
 
 
 @pytest.mark.parametrize("hz", [0.6, 5.0, 10.0, 50.0])
@@ -392,7 +392,8 @@ def test_an_uncalibrated_dzb100_refuses_frequencies_above_the_cap(hz: float) -> 
     with pytest.raises(LimitError) as caught:
         dialect_for("dzb100").setpoint_word(hz)
     assert (caught.value.key, caught.value.params["cap"]) == ("drives.coding_cap", "0005H")
-    assert dialect_for("dzb100", setpoint_coding="hex-0.1").setpoint_word(hz) == round(hz * 10)
+    known = dialect_for("dzb100", setpoint_coding="hex-0.1")
+    assert known.setpoint_word(hz) == round(hz * 10) and known.setpoint_cap_hz is None
 
 
 @pytest.mark.parametrize(
@@ -447,11 +448,12 @@ def test_polls_only_read(model: str) -> None:
 def test_a_frequency_is_capped_until_the_step_of_the_drive_is_known(model: str, cap_hz: float, step_hz: float) -> None:
     """No read-back shows a wrong step: word 50 is 0.5 Hz to a C320 and 5 Hz to an E300."""
     dialect = dialect_for(model, setpoint_step="unknown")
-    assert dialect.setpoint_word(cap_hz) == 50
+    assert dialect.setpoint_word(cap_hz) == 50 and dialect.setpoint_cap_hz == cap_hz
     with pytest.raises(LimitError) as caught:
         dialect.setpoint_word(cap_hz + step_hz)
     assert caught.value.key == "drives.step_cap" and caught.value.params["cap_hz"] == cap_hz
-    assert dialect_for(model, setpoint_step=f"{step_hz:g}").setpoint_word(50.0) == round(50.0 / step_hz)
+    known = dialect_for(model, setpoint_step=f"{step_hz:g}")
+    assert known.setpoint_word(50.0) == round(50.0 / step_hz) and known.setpoint_cap_hz is None
     with pytest.raises(LimitError, match="does not fit this drive"):
         dialect_for(model, setpoint_step="0.1" if step_hz == 0.01 else "0.01").setpoint_word(0.1)
 

@@ -142,12 +142,13 @@ def stated_profile(folder: Path) -> DriveProfile:
 def test_a_stated_maximum_caps_the_frequency_until_it_is_confirmed(tmp_path: Path) -> None:
     """At most 5 Hz under 320 Hz, the largest maximum of the model: word 156."""
     dialect: Any = create_dialect(stated_profile(tmp_path), 3)
-    assert dialect.setpoint_word(0.78) == 156
+    assert dialect.setpoint_word(0.78) == 156 and dialect.setpoint_cap_hz == pytest.approx(0.78)
     with pytest.raises(LimitError, match="maximum_frequency") as capped:
         dialect.setpoint_word(0.79)
     assert capped.value.key == "drives.share_cap"
     confirmed: Any = create_dialect(stated_profile(tmp_path), 3, options={"maximum_frequency": 50})
     assert (confirmed.setpoint_word(25.0), confirmed.setpoint_word(50.0)) == (5000, 10000)
+    assert confirmed.setpoint_cap_hz is None
     with pytest.raises(LimitError) as above:
         confirmed.setpoint_word(50.1)
     assert (above.value.key, above.value.params["limit_hz"]) == ("drives.above_drive_maximum", 50)

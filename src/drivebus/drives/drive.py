@@ -135,6 +135,11 @@ class Drive:
         return self._context.minimum_hz, self._context.maximum_hz
 
     @property
+    def setpoint_cap_hz(self) -> float | None:
+        """Highest frequency that is sent while the scale of the setpoint is not determined; None: no cap holds."""
+        return self.dialect.setpoint_cap_hz
+
+    @property
     def acceleration_s(self) -> float | None:
         """Acceleration ramp in seconds, None until the pre-flight check has read it."""
         return self._context.acceleration_s

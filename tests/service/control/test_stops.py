@@ -763,6 +763,35 @@ def test_a_cap_of_an_unknown_setpoint_step_is_not_called_the_range_of_a_group(mo
     run(scenario())
 
 
+def test_a_group_offers_no_frequency_above_the_cap_of_a_member_at_its_ratio() -> None:
+    """It offered its lowest maximum: 50 Hz, where a follower of unknown setpoint step was capped at 0.5 Hz."""
+
+    async def scenario() -> None:
+        drives = tuple(
+            replace(drive, options={"setpoint_step": "unknown"} if drive.id == "fan-2" else drive.options)
+            for drive in DRIVES
+        )
+        group = GroupConfig(id="fans", drives=("fan-1", "fan-2"), leader="fan-1", ratios={"fan-2": 2.0})
+        async with running_service(plant_config(drives=drives, groups=(group,))) as kit:
+            await ready(kit)
+            caps_hz = [(await kit.call("drives.get", drive=id))["setpoint_cap_hz"] for id in group.drives]
+            assert caps_hz == [None, 0.5]
+            (found,) = (await kit.call("groups.list"))["groups"]
+            assert (found["minimum_hz"], found["maximum_hz"]) == (0.0, 0.25)
+            with pytest.raises(LimitError) as caught:
+                await kit.call("group.set_frequency", group="fans", frequency_hz=0.26)
+            assert caught.value.key == "plant.member_limit" and caught.value.params["why"].key == "drives.step_cap"
+            with pytest.raises(LimitError, match=r"fan-2 permits 0\.0 Hz to 0\.25 Hz for the group"):
+                await kit.call("group.set_frequency", group="fans", frequency_hz=30.0)
+            outcomes = (await kit.call("group.set_frequency", group="fans", frequency_hz=0.25))["outcomes"]
+            assert outcomes["fan-2"]["status"]
+            kit.service.plant.drives["fan-2"].drive.dialect.set_option("setpoint_step", "0.01")
+            (found,) = (await kit.call("groups.list"))["groups"]
+            assert found["maximum_hz"] == 25.0
+
+    run(scenario())
+
+
 def test_a_remote_jog_ends_half_a_second_after_its_last_renewal() -> None:
     async def scenario() -> None:
         async with running_service() as kit:

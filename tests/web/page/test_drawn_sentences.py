@@ -132,7 +132,25 @@ def group_topics(fan: Any, values: dict[str, Any], name: str, leader: str | None
     """Return the topics of the group ``air`` with a drive for each value of the field ``name``."""
     drives = {f"drives/{id}": fan | {"id": id, "title": None, name: value} for id, value in values.items()}
     group = {"id": "air", "title": None, "drives": list(values), "leader": leader, "ratios": {}, "progress": None}
-    return drives | {"groups/air": group | {"state": "stopped"}}
+    return drives | {"groups/air": group | {"state": "stopped", "minimum_hz": 0.0, "maximum_hz": 50.0}}
+
+
+def test_a_group_offers_the_frequencies_that_the_service_accepts_for_it(draw: Draw, fan: Any) -> None:
+    """It offered 50 Hz where one drive was capped at 0.5 Hz and another gets twice the frequency of the group."""
+    topics = group_topics(fan | ONLINE_AND_STOPPED, {"fan-1": 50.0, "fan-2": 50.0}, "maximum_hz")
+    topics["groups/air"] |= {"minimum_hz": 0.1, "maximum_hz": 0.25}
+    text = draw("fleet/group-panel", "GroupPanel", {"id": "air"}, topics=topics)
+    assert i18n.text("page.hz_limits", "en", minimum_hz=0.1, maximum_hz=0.25) in text
+    assert "50 Hz" not in text
+
+
+def test_a_capped_drive_offers_no_frequency_above_its_cap_and_says_why(draw: Draw, fan: Any) -> None:
+    """It offered 50 Hz, and only the refusal told of the cap. Where the limits are lower, the cap is no matter."""
+    props = {"label": "", "value": "", "onChange": None}
+    for maximum_hz, key, highest_hz in ((50.0, "page.hz_capped", 0.5), (0.4, "page.hz_limits", 0.4)):
+        limits = {"minimum_hz": 0.1, "maximum_hz": maximum_hz, "setpoint_cap_hz": 0.5}
+        text = draw("control/frequency", "Frequency", props | {"limits": limits})
+        assert i18n.text(key, "en", minimum_hz=0.1, maximum_hz=highest_hz) in text
 
 
 @pytest.mark.parametrize(

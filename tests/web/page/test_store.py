@@ -103,6 +103,9 @@ def test_a_frequency_beyond_the_limits_is_not_sent(scripts: Any) -> None:
     texts = {"20": True, "0": True, "45": True, "45.1": False, "-1": False, "": False, "x": False}
     call = "m.frequencyError({!r}, {{minimum_hz: 0, maximum_hz: 45}}) === null"
     assert {text: evaluate(scripts, "control/frequency", call.format(text)) for text in texts} == texts
+    capped = "m.frequencyError({!r}, {{minimum_hz: 0, maximum_hz: 45, setpoint_cap_hz: 5}}) === null"
+    texts = {"5": True, "5.1": False}
+    assert {text: evaluate(scripts, "control/frequency", capped.format(text)) for text in texts} == texts
 
 
 def test_the_fleet_keeps_the_files_order_also_when_a_drives_page_was_opened_first(visit: Any) -> None:

@@ -13,9 +13,9 @@ from types import MappingProxyType
 from typing import Any
 
 from drivebus.bus.messages import RetryPolicy, StationConfig
-from drivebus.drives.dialects.setpoint_share import check_setpoint_share, setpoint_scale, share_word
+from drivebus.drives.dialects.setpoint_share import check_setpoint_share, setpoint_scale, share_cap_hz, share_word
 from drivebus.drives.dialects.setpoint_speed import check_pole_pairs
-from drivebus.drives.dialects.setpoint_step import check_setpoint_step
+from drivebus.drives.dialects.setpoint_step import check_setpoint_step, step_cap_hz
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import FAULT_LABEL_SEPARATOR, DerivedState, Direction, Fault
 from drivebus.errors import CapabilityError, LimitError, ProtocolError
@@ -221,6 +221,12 @@ class Dialect(ABC):
     def setpoint_word(self, frequency_hz: float) -> int:
         """Return the raw word of a frequency. Raises LimitError where the coding forbids it."""
         return frequency_word(self.profile, frequency_hz, self.options)
+
+    @property
+    def setpoint_cap_hz(self) -> float | None:
+        """Highest frequency that is sent while the scale of the setpoint is not determined; None: no cap holds."""
+        caps_hz = (step_cap_hz(self.profile, self.options), share_cap_hz(self.profile, self.options))
+        return min((cap_hz for cap_hz in caps_hz if cap_hz is not None), default=None)
 
     def setpoint_frequency(self, word: int) -> float:
         """Return the frequency of a setpoint word in Hz (DZB100: under the coding in force)."""

@@ -7,6 +7,7 @@ of frequencies are possible, which differ by a factor of ten: until one is deter
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 from drivebus.bus.messages import RetryPolicy
@@ -75,6 +76,7 @@ def decode_or_none(word: int, coding: str) -> float | None:
         return None
 
 
+@cache  # 4,000 words are tried, and every view of a drive has its cap
 def highest_safe_word(codings: tuple[FrequencyCoding, ...]) -> int:
     """Return the largest raw word that every coding decodes as at most 5 Hz."""
     return max(word for word in range(MAX_SETPOINT_WORD + 1) if is_within_cap(word, codings))
@@ -251,6 +253,11 @@ class Dzb100Dialect(Dialect):
                 limit_hz=UNCALIBRATED_CAP_HZ,
             )
         return word
+
+    @property
+    def setpoint_cap_hz(self) -> float | None:
+        codings = possible_codings(self.options)
+        return None if len(codings) == 1 else self.setpoint_frequency(highest_safe_word(codings))
 
     def setpoint_frequency(self, word: int) -> float:
         return decode_frequency(word, self._setpoint_coding())

@@ -49,6 +49,14 @@ def highest_capped_word(share: SetpointShare) -> int:
     return int(UNCALIBRATED_CAP_HZ / share.highest_hz * share.full_scale + ROUNDING)
 
 
+def share_cap_hz(profile: DriveProfile, options: Mapping[str, Any]) -> float | None:
+    """Return the highest frequency while the maximum of the drive is only stated; None: no cap holds."""
+    share = profile.setpoint_share
+    if share is None or share.maximum is not None or _known_maximum_hz(options) is not None:
+        return None
+    return setpoint_scale(profile, options).value(highest_capped_word(share))
+
+
 def check_setpoint_share(profile: DriveProfile, options: Mapping[str, Any], frequency_hz: float, word: int) -> None:
     """Raise LimitError for a frequency above the maximum, or above the cap while the maximum is only stated."""
     share = profile.setpoint_share
@@ -59,15 +67,14 @@ def check_setpoint_share(profile: DriveProfile, options: Mapping[str, Any], freq
         if word > share.full_scale:
             raise LimitError("drives.above_drive_maximum", frequency_hz=frequency_hz, limit_hz=maximum_hz)
         return
-    cap = highest_capped_word(share)
-    if share.maximum is None and word > cap:
+    if share.maximum is None and word > highest_capped_word(share):
         raise LimitError(
             "drives.share_cap",
             model=profile.model,
             frequency_hz=frequency_hz,
             stated_hz=share.maximum_hz,
             limit_hz=UNCALIBRATED_CAP_HZ,
-            cap_hz=setpoint_scale(profile, options).value(cap),
+            cap_hz=share_cap_hz(profile, options),
         )
 
 

@@ -39,6 +39,12 @@ def highest_safe_word(steps_hz: tuple[float, ...]) -> int:
     return int(UNCALIBRATED_CAP_HZ / max(steps_hz) + ROUNDING)
 
 
+def step_cap_hz(profile: DriveProfile, options: Mapping[str, Any]) -> float | None:
+    """Return the highest frequency while several steps are possible, None once one is determined."""
+    steps_hz = possible_steps_hz(profile, options)
+    return None if len(steps_hz) == 1 else profile.setpoint_scale.value(highest_safe_word(steps_hz))
+
+
 def check_setpoint_step(profile: DriveProfile, options: Mapping[str, Any], frequency_hz: float, word: int) -> None:
     """Raise LimitError where the drive counts in another step than its profile, or may do so and exceed the cap."""
     own_hz, steps_hz = profile.setpoint_scale.factor, possible_steps_hz(profile, options)
@@ -46,13 +52,12 @@ def check_setpoint_step(profile: DriveProfile, options: Mapping[str, Any], frequ
         return
     if len(steps_hz) == 1:
         raise LimitError("drives.step_differs", model=profile.model, step_hz=own_hz, found_hz=steps_hz[0])
-    cap = highest_safe_word(steps_hz)
-    if word > cap:
+    if word > highest_safe_word(steps_hz):
         raise LimitError(
             "drives.step_cap",
             model=profile.model,
             frequency_hz=frequency_hz,
             steps_hz=tuple(f"{step:g}" for step in steps_hz),
             limit_hz=UNCALIBRATED_CAP_HZ,
-            cap_hz=profile.setpoint_scale.value(cap),
+            cap_hz=step_cap_hz(profile, options),
         )

@@ -35,7 +35,7 @@ from drivebus.types import Json
 
 SLOT_POLL_INTERVAL_S = 0.1
 RANGE_ERRORS = ("drives.above_maximum", "drives.below_minimum")
-"""Errors of a frequency outside ``Drive.range_hz``; a cap until a setpoint step is known is no part of that range."""
+"""Errors of a frequency outside ``Drive.range_hz``; the error of ``Drive.setpoint_cap_hz`` explains itself."""
 ACCELERATING_STATES = (DriveState.ACCELERATING, DriveState.RESTARTING)
 DEFAULT_RAMP_S = 10.0
 """A drive that does not report its state counts as accelerating for its ramp time, or this long where unknown."""
@@ -211,12 +211,16 @@ class GroupCommands:
         started = self.progress.get(group.id)
         progress = None if started is None else {"started": started, "of": len(group.drives)}
         state = "starting" if progress else self._group_state(group)
+        runtimes = [self.plant.drives[id] for id in group.drives if id in self.plant.drives]
+        ranges_hz = [_group_range_hz(group, runtime) for runtime in runtimes]
         return {
             "id": group.id,
             "title": text_json(group.title),
             "drives": list(group.drives),
             "leader": group.leader,
             "ratios": dict(group.ratios),
+            "minimum_hz": max((low for low, _ in ranges_hz), default=0.0),
+            "maximum_hz": min((high for _, high in ranges_hz), default=0.0),
             "state": state,
             "progress": progress,
         }
@@ -251,18 +255,26 @@ def _check_member_frequency(group: GroupConfig, runtime: DriveRuntime, frequency
     except LimitError as error:
         if error.key not in RANGE_ERRORS:
             raise LimitError("plant.member_limit", drive=runtime.id, group=group.id, why=error) from error
-        ratio = group.ratios.get(runtime.id, 1.0)
-        low_hz, high_hz = runtime.drive.range_hz
+        low_hz, high_hz = _group_range_hz(group, runtime)
         raise LimitError(
             "plant.group_frequency",
             drive=runtime.id,
             group=group.id,
             frequency_hz=own_hz,
-            ratio=ratio,
-            low_hz=ceil(round(low_hz / ratio * 100, 6)) / 100,
-            high_hz=floor(round(high_hz / ratio * 100, 6)) / 100,
+            ratio=group.ratios.get(runtime.id, 1.0),
+            low_hz=low_hz,
+            high_hz=high_hz,
             why=error,
         ) from error
+
+
+def _group_range_hz(group: GroupConfig, runtime: DriveRuntime) -> tuple[float, float]:
+    """Return the lowest and highest frequency of the group, in hundredths of hertz, that a member permits."""
+    ratio = group.ratios.get(runtime.id, 1.0)
+    low_hz, high_hz = runtime.drive.range_hz
+    cap_hz = runtime.drive.setpoint_cap_hz
+    high_hz = high_hz if cap_hz is None else min(high_hz, cap_hz)
+    return ceil(round(low_hz / ratio * 100, 6)) / 100, floor(round(high_hz / ratio * 100, 6)) / 100
 
 
 def _is_expired(error: DrivebusError) -> bool:

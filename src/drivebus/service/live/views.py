@@ -213,6 +213,8 @@ class DriveView:
     """
     unusable_reply: Json | None = None
     """Error that names what a drive sends while it is not online; None: it sends nothing."""
+    setpoint_cap_hz: float | None = None
+    """Highest frequency that is sent while the scale of its setpoint is not determined; None: no cap holds."""
     jog_frequency: str | None = None
     """Where the frequency of a jog comes from: a ``JogFrequency``; None where the model can't jog."""
 
@@ -231,6 +233,7 @@ class DriveView:
             "commanded_hz",
             "minimum_hz",
             "maximum_hz",
+            "setpoint_cap_hz",
             "start_inhibited",
             "stop_pending",
             "poll_interval_s",

@@ -50,13 +50,19 @@ class GroupProgressObject(ApiObject):
 
 
 class GroupObject(ApiObject):
-    """A group with its state. ``ratios``: each follower's share of the leader's frequency."""
+    """A group with its state. ``ratios``: each follower's share of the leader's frequency.
+
+    ``minimum_hz``, ``maximum_hz``: frequencies that the group accepts, by limits and ``setpoint_cap_hz`` of each drive
+    at its ratio. Where the maximum is below the minimum, it accepts none.
+    """
 
     id: str
     title: LocalizedText
     drives: list[str]
     leader: str | None
     ratios: dict[str, float]
+    minimum_hz: float
+    maximum_hz: float
     state: Literal["starting", "unknown", "running", "mixed", "stopped"]
     progress: GroupProgressObject | None
 

@@ -4,8 +4,12 @@ import { t } from "../i18n.js";
 import { numberOf } from "../format.js";
 import { Field, isComposing } from "../ui.js";
 
+/** Highest frequency that the service accepts: the scale of a setpoint that is not calibrated caps it. */
+export const highestHz = ({ maximum_hz, setpoint_cap_hz }) => Math.min(maximum_hz, setpoint_cap_hz ?? maximum_hz);
+
 /** Error of a text as a frequency between the limits, or null. */
-export function frequencyError(text, { minimum_hz, maximum_hz }) {
+export function frequencyError(text, limits) {
+  const { minimum_hz } = limits, maximum_hz = highestHz(limits);
   const value = numberOf(text);
   if (value === null) return t("page.not_number");
   if (value < minimum_hz || value > maximum_hz) return t("page.hz_outside", { minimum_hz, maximum_hz });
@@ -18,9 +22,9 @@ export const SETPOINT_BLOCKERS = ["drives.start_inhibited", "drives.foreign_mast
 /** Whether the service refuses a frequency, a pause and a ramp hold for this drive now; the reason is among its start blockers. */
 export const refusesFrequency = (view) => view.start_blockers.some(({ key }) => SETPOINT_BLOCKERS.includes(key));
 
-/** `value` is the text of the input; `limits` has minimum_hz and maximum_hz; `onEnter` is called for a valid value. */
+/** `value` is the text of the input; `limits` is a drive or a group; `onEnter` is called for a valid value. */
 export function Frequency({ label, value, onChange, onEnter, limits, disabled }) {
-  const { minimum_hz, maximum_hz } = limits;
+  const { minimum_hz } = limits, maximum_hz = highestHz(limits);
   const put = (event) => onChange(event.currentTarget.value);
   const wrong = String(value).trim() === "" ? null : frequencyError(value, limits);
   const key = (event) => {
@@ -28,7 +32,7 @@ export function Frequency({ label, value, onChange, onEnter, limits, disabled })
   };
   // A finger that scrolls the page and begins on the slider has moved it before the browser takes it for a scroll.
   const before = useRef(value);
-  const help = t("page.hz_limits", { minimum_hz, maximum_hz });
+  const help = t(maximum_hz < limits.maximum_hz ? "page.hz_capped" : "page.hz_limits", { minimum_hz, maximum_hz });
   return html`<div class="frequency"><${Field} label=${label} wrong=${wrong} help=${help}><span class="withunit">
       <input inputmode="decimal" autocomplete="off" maxlength="12" value=${value} disabled=${disabled} onInput=${put}
         onKeyDown=${key} aria-invalid=${wrong ? "true" : undefined} /><span>Hz</span></span><//>

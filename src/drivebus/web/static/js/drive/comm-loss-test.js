@@ -8,7 +8,7 @@ import { may } from "../session.js";
 import { isLive, tickingServiceNow } from "../live.js";
 import { hasControl } from "../control/leases.js";
 import { ArmStart, START_OPTIONS } from "../control/arm-start.js";
-import { Frequency, frequencyError } from "../control/frequency.js";
+import { Frequency, frequencyError, highestHz } from "../control/frequency.js";
 
 const TEST_HZ = 10;
 const SILENCE_S = [2, 300];
@@ -18,7 +18,7 @@ const MARGIN_S = 3;
 
 function TestForm({ view, onClose }) {
   const after = view.comm_loss.tested ? null : view.comm_loss.after_s;
-  const [hertz, setHertz] = useState(String(Math.min(Math.max(TEST_HZ, view.minimum_hz), view.maximum_hz)));
+  const [hertz, setHertz] = useState(String(Math.min(Math.max(TEST_HZ, view.minimum_hz), highestHz(view))));
   const [silence, setSilence] = useState(String(after ? after + MARGIN_S : DEFAULT_SILENCE_S));
   const frequency_hz = numberOf(hertz);
   const silence_s = numberOf(silence);

@@ -20,13 +20,6 @@ import { driveTitle, groupTitle, listDrives } from "../titles.js";
 
 const GROUP_TIMEOUT_MS = 300_000;
 
-function commonLimits(views) {
-  return {
-    minimum_hz: Math.max(0, ...views.map((view) => view.minimum_hz)),
-    maximum_hz: views.length ? Math.min(...views.map((view) => view.maximum_hz)) : 0,
-  };
-}
-
 const Merged = ({ ids, text, isNamed }) => html`<li title=${ids.map(driveTitle).join(t("language.between_items"))}>${!isNamed && html`<b>
   ${listDrives(ids)}</b>${t("page.colon")}`}${withCommands(text)}</li>`;
 
@@ -80,11 +73,10 @@ function Controls({ id, views }) {
   const [hertz, setHertz] = useState("");
   const [execute, busy, error, result] = useRequest();
   const [started, setStarted] = useState(null);
-  const limits = commonLimits(views);
   const others = views.filter((view) => !hasControl(view)).length;
   const otherWindow = views.filter((view) => isInOtherWindow(view.lease)).length;
-  const off = !isLive.value || others > 0 || frequencyError(hertz, limits) !== null;
   const found = group(id).value;
+  const off = !isLive.value || others > 0 || frequencyError(hertz, found) !== null;
   const blockers = views.flatMap((view) => blockersOf(view, found));
   const blockedCount = new Set(blockers.map((one) => one.id)).size;
   const leader = views.find((view) => view.id === found.leader);
@@ -103,7 +95,7 @@ function Controls({ id, views }) {
     <div class="row"><${ReleaseButton} views=${views} />${may("limit") && html`<${WaiverButton} views=${views} />`}</div>
     <${Blocked} blockers=${blockers} />
     <div class="row"><${Frequency} label=${t("page.group_frequency")} value=${hertz} onChange=${setHertz}
-      limits=${limits} onEnter=${() => !cannotSet && !busy && set()} disabled=${!isLive.value} />
+      limits=${found} onEnter=${() => !cannotSet && !busy && set()} disabled=${!isLive.value} />
       <${Button} disabled=${cannotSet} busy=${busy} onClick=${set}>${t("page.set_frequency")}<//></div>
     <${ArmStart} disabled=${off || blockedCount > 0}
       why=${blockedCount > 0 && t("page.group_start_blocked", { n: blockedCount, of: views.length })}
