@@ -118,22 +118,22 @@ def _report_exploration(campaign_run: CampaignRun, part: Exploration, found: Sea
     for name, count in only_missing.items():
         campaign_run.trace(f"{part.name}: only {name} missing in {count} states")
         campaign_run.count(f"only missing, {name}", count)
-    if found.closed and not found.moved + found.acted:
+    if found.closed and not found.motion_frames + found.setting_frames:
         campaign_run.violation(f"{part.name}: nothing ever left: the exploration shows nothing")
     campaign_run.figures[part.name] = {
         "states": found.states,
         "edges": found.edges,
         "combinations of inputs decided": found.decisions,
-        "moving frames left": found.moved,
-        "setting frames left": found.acted,
+        "moving frames left": found.motion_frames,
+        "setting frames left": found.setting_frames,
         "depth": found.depth,
         "closed": found.closed,
         "states where only this was missing": only_missing,
     }
-    for name, count in (("states", found.states), ("edges", found.edges), ("moving edges", found.moved)):
+    for name, count in (("states", found.states), ("edges", found.edges), ("moving edges", found.motion_frames)):
         campaign_run.count(name, count)
         campaign_run.count(f"{part.model}: {name}", count)
-    campaign_run.count("setting edges", found.acted)
+    campaign_run.count("setting edges", found.setting_frames)
     campaign_run.count("combinations of inputs decided", found.decisions)
 
 

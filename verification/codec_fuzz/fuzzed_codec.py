@@ -48,7 +48,7 @@ def address_broadcast(request: Any, codec: Codec) -> Any:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FuzzedCodec:
-    """Codec to fuzz."""
+    """Codec to fuzz, with its reference and the means to make valid exchanges."""
 
     name: str
     codec: Codec

@@ -69,7 +69,7 @@ class GridSerialSettings(SerialSettings):
 
 
 def grid_serial_settings(grid: TimeGrid) -> SerialSettings:
-    """Return the serial settings of a grid."""
+    """Return serial settings in which any number of characters takes one tick of this grid."""
     kind = type("Line", (GridSerialSettings,), {"tick_s": grid.tick_s})
     made: SerialSettings = kind()
     return made
@@ -133,7 +133,7 @@ class ModelSubject:
         return found
 
     def stop_request(self, mode: StopMode) -> Any:
-        """Return the stop request."""
+        """Return the first request of a stop: the one that stops the drive."""
         return self.dialect.stop(mode)[0]
 
 

@@ -19,7 +19,7 @@ PROGRESS_INTERVAL_STATES = 500
 
 @dataclass(frozen=True, slots=True)
 class SearchDomain:
-    """Domain of a search."""
+    """Limits of a search: which events may occur, and how many frames at a time."""
 
     slots: int = 1
     """Frames submitted and not answered at a time."""
@@ -46,18 +46,27 @@ class PermitDecision:
 
 @dataclass(slots=True, kw_only=True)
 class SearchResult:
-    """Result of a search."""
+    """Result of a search: its counts, and what must not have happened."""
 
     states: int = 0
     edges: int = 0
+    """Events tried in all states."""
     decisions: int = 0
-    moved: int = 0
-    acted: int = 0
+    """Combinations of inputs on which the permissives decided."""
+    motion_frames: int = 0
+    """Frames sent that may move the motor."""
+    setting_frames: int = 0
+    """Frames sent that act without moving the motor."""
     depth: int = 0
+    """Events from the initial state to the last state expanded."""
     closed: bool = True
+    """Whether every state that can be reached was found within the limit."""
     refused_by_permissives_only: Counter[str] = field(default_factory=Counter)
+    """Condition → states in which it was the only missing one of a refused permit."""
     refused_by_bus_only: Counter[str] = field(default_factory=Counter)
+    """Condition → states in which it was the only missing one of a rejected frame."""
     findings: list[str] = field(default_factory=list)
+    """Violations, each with the shortest path to it."""
 
 
 class StateSearch:
@@ -67,7 +76,7 @@ class StateSearch:
         self, subject: ModelSubject, domain: SearchDomain, limit: int, state: type[GateState] = GateState
     ) -> None:
         self.subject, self.domain, self.limit, self._state_class = subject, domain, limit, state
-        self.found = SearchResult()
+        self.result = SearchResult()
         self._known: dict[bytes, int] = {}
         self._predecessors: list[tuple[int, str]] = []
         self._decisions: dict[object, PermitDecision] = {}
@@ -77,7 +86,7 @@ class StateSearch:
         self._state_digest = 0
 
     def initial_state(self) -> GateState:
-        """Return the initial state."""
+        """Return the state before any event: the port is not open, and there is no command."""
         return self._state_class(self.subject)
 
     def run(self, progress: Callable[[int], None] = lambda states: None, *, first: bool = False) -> SearchResult:
@@ -87,13 +96,13 @@ class StateSearch:
         """
         self._add_state(self.initial_state(), -1, "", 0)
         done = 0
-        while self._queue and not (first and self.found.findings):
+        while self._queue and not (first and self.result.findings):
             self._expand(*self._queue.popleft())
             done += 1
             if done == PROGRESS_INTERVAL_STATES or not self._queue:
                 progress(done)
                 done = 0
-        return self.found
+        return self.result
 
     @property
     def digest(self) -> str:
@@ -101,7 +110,7 @@ class StateSearch:
         return f"{self._state_digest:032x}"
 
     def _expand(self, number: int, depth: int, state: GateState) -> None:
-        self.found.depth = depth
+        self.result.depth = depth
         sole_permissives: set[str] = set()
         self._refused_by_permissives_only = sole_permissives
         sole_reasons: set[str] = set()
@@ -117,18 +126,18 @@ class StateSearch:
                 event = f"grant {place}" + (f" without {', '.join(missing)}" if missing else "")
                 self._check_transition(state.copy().grant(place, shown, missing), number, event, depth, sole_reasons)
             if decision.is_wrong:
-                self.found.findings.append(f"refused with everything in order: {self._path(number)}")
-        self.found.refused_by_permissives_only.update(sole_permissives)
-        self.found.refused_by_bus_only.update(sole_reasons)
+                self.result.findings.append(f"refused with everything in order: {self._path(number)}")
+        self.result.refused_by_permissives_only.update(sole_permissives)
+        self.result.refused_by_bus_only.update(sole_reasons)
 
     def _check_transition(self, after: GateState, number: int, event: str, depth: int, sole_reasons: set[str]) -> None:
         events = after.events
-        self.found.edges += 1
-        self.found.moved += events.motion_frames
-        self.found.acted += events.setting_frames
+        self.result.edges += 1
+        self.result.motion_frames += events.motion_frames
+        self.result.setting_frames += events.setting_frames
         sole_reasons.update(missing[0] for missing in events.refused if len(missing) == 1)
         self._refused_by_permissives_only.update(missing[0] for missing in events.denied if len(missing) == 1)
-        self.found.findings += [f"{what}: {self._path(number)} > {event}" for what in events.findings]
+        self.result.findings += [f"{what}: {self._path(number)} > {event}" for what in events.findings]
         self._add_state(after, number, event, depth + 1)
 
     def _check_forged(self, state: GateState, number: int, depth: int, sole_reasons: set[str]) -> None:
@@ -140,7 +149,7 @@ class StateSearch:
             if after.accepted_forged or after.events.findings:
                 return self._check_transition(after, number, "forge", depth, sole_reasons)
             found = self._refused[situation] = [missing[0] for missing in after.events.refused if len(missing) == 1]
-        self.found.edges += 1
+        self.result.edges += 1
         sole_reasons.update(found)
         return None
 
@@ -149,12 +158,12 @@ class StateSearch:
         if key in self._known:
             return
         if len(self._known) >= self.limit:
-            self.found.closed = False
+            self.result.closed = False
             return
         self._known[key] = len(self._predecessors)
         self._predecessors.append((number, event))
         self._queue.append((len(self._predecessors) - 1, depth, state))
-        self.found.states += 1
+        self.result.states += 1
         self._state_digest ^= int.from_bytes(key)
 
     def _path(self, number: int) -> str:
@@ -171,7 +180,7 @@ class StateSearch:
         found = self._decisions.get(situation)
         if found is None:
             found = self._decisions[situation] = decide_permit(self.subject, state, place, self.domain.small)
-            self.found.decisions += found.combinations
+            self.result.decisions += found.combinations
         return found
 
 

@@ -29,7 +29,7 @@ class Trip(Enum):
 
 
 class OutputPhase(Enum):
-    """Phase of the output."""
+    """Phase of the output frequency, which follows the ramp."""
 
     OFF = "off"
     ACCELERATING = "accelerating"

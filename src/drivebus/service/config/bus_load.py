@@ -141,7 +141,7 @@ class DriveLoadEstimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusLoadEstimate:
-    """Load of one bus."""
+    """Estimated load of one bus, with its refresh times and stop bound."""
 
     bus: str
     port: str

@@ -162,7 +162,7 @@ def _station_json(runtime: DriveRuntime, station: StationStatistics) -> Json:
 
 
 def plant_topic(plant: Plant) -> Json:
-    """Return the topic of the plant."""
+    """Return the content of the topic ``plant``: state, last stop of everything, disk, gateways."""
     return {
         "id": plant.config.id,
         "title": text_json(plant.config.title),

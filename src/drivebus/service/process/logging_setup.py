@@ -109,7 +109,7 @@ class NonBlockingQueueHandler(QueueHandler):
 
 
 def log_event(event: Json) -> None:
-    """Log an event."""
+    """Log an event in the language of this process, at the level of its kind."""
     LOG.log(EVENT_LEVELS.get(event["kind"], logging.INFO), event["text"][i18n.preferred()], extra={"event": event})
 
 

@@ -22,10 +22,12 @@ _NUMBER = re.compile(r"[0-9]{1,3}(\.[0-9]{1,6})?")
 
 @dataclass(frozen=True, slots=True)
 class ClientMessage:
-    """Message of a client."""
+    """Message of a client on a live connection."""
 
     subscribe: tuple[str, ...] | None = None
+    """Patterns of the topics that it receives from now on; None: as before."""
     renew: tuple[str, ...] = ()
+    """Drives whose control lease it renews."""
 
     @property
     def cost(self) -> float:
