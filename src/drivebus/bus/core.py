@@ -614,9 +614,9 @@ class BusCore:
         with the error of bytes that came since the sync probe before the last one; without such bytes, as offline.
         """
         station = transaction.prepared.station
-        named = received or station.failure_reason or station.earlier_failure_reason
-        error = named or NoReply("bus.offline", station=station.address)
-        station.unusable_reply = named if shows_a_reply(named) else None
+        bytes_error = received or station.failure_reason or station.earlier_failure_reason
+        error = bytes_error or NoReply("bus.offline", station=station.address)
+        station.unusable_reply = bytes_error if shows_a_reply(bytes_error) else None
         station.earlier_failure_reason, station.failure_reason = station.failure_reason, None
         self._mark_suspect(station, now)
         if station.state.is_unreachable:

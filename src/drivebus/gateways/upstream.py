@@ -62,10 +62,10 @@ class UpstreamFeed:
 
     def _update_streams(self) -> None:
         """Start and end streams according to the patterns of the subscribers."""
-        wanted = self._wanted_streams()
-        for stream in wanted - self._streams.keys():
+        required = self._required_streams()
+        for stream in required - self._streams.keys():
             self._streams[stream] = asyncio.create_task(self._read(stream), name=f"live {stream}")
-        for stream in self._streams.keys() - wanted:
+        for stream in self._streams.keys() - required:
             self._streams.pop(stream).cancel()
             if stream == STATE_STREAM:
                 self._cache.clear()
@@ -73,7 +73,7 @@ class UpstreamFeed:
             else:
                 self._cache.remove(stream)
 
-    def _wanted_streams(self) -> set[str]:
+    def _required_streams(self) -> set[str]:
         """Return the streams of the patterns: a star stands for the known buses, a name also for a bus to come."""
         if not self._groups:
             return set()
@@ -81,8 +81,8 @@ class UpstreamFeed:
         named = {pattern for pattern in patterns if pattern.startswith(FRAMES_PREFIX) and "*" not in pattern}
         buses = (topic.removeprefix("buses/") for topic in self._cache.topics if topic.startswith("buses/"))
         streams = (f"{FRAMES_PREFIX}{bus}" for bus in buses)
-        known = {stream for stream in streams if any(matches_topic(stream, pattern) for pattern in patterns)}
-        return {STATE_STREAM} | named | known
+        matching = {stream for stream in streams if any(matches_topic(stream, pattern) for pattern in patterns)}
+        return {STATE_STREAM} | named | matching
 
     async def _read(self, stream: str) -> None:
         """Read one stream to its end, which ends everything."""

@@ -151,8 +151,8 @@ def _build_parameters(parsed: ProfileIn) -> tuple[dict[str, m.Parameter], dict[s
     for notation, parameter in parsed.parameters.items():
         locator = resolve_locator(parsed, notation, parameter)
         if isinstance(locator, tuple):
-            chosen = option_values(parsed).get(parameter.maximum_option or "")
-            maximum = float(chosen) if isinstance(chosen, int) else parameter.maximum
+            option_value = option_values(parsed).get(parameter.maximum_option or "")
+            maximum = float(option_value) if isinstance(option_value, int) else parameter.maximum
             placed[notation] = _build_parameter(notation, parameter, locator, maximum)
         elif isinstance(locator, Exception):
             described = _build_parameter(notation, parameter, ("unplaced", 0), parameter.maximum)
@@ -335,8 +335,8 @@ def _setpoint_questions(parsed: ProfileIn) -> list[m.OpenQuestion]:
         questions.append(_setpoint_question(m.POLE_PAIRS, (1, m.MAX_POLE_PAIRS), *texts))
     if _has_assumed_step(parsed):
         steps = [f"{step:g}" for step in m.USUAL_STEPS_HZ]
-        shown = {"step_hz": f"{parsed.setpoint.factor:g}", "steps_hz": tuple(steps)}
-        text, reason, procedure = (bilingual_text(f"profiles.setpoint_step_{part}", **shown) for part in parts)
+        params = {"step_hz": f"{parsed.setpoint.factor:g}", "steps_hz": tuple(steps)}
+        text, reason, procedure = (bilingual_text(f"profiles.setpoint_step_{part}", **params) for part in parts)
         questions.append(
             m.OpenQuestion(
                 name=m.SETPOINT_STEP,

@@ -218,13 +218,19 @@ def _check_modbus(profile: ProfileIn) -> Iterator[Issue]:
 def _has_sync_registers(profile: ProfileIn) -> bool:
     """Return whether two neighbouring registers, one of which is read anyway, can be read at once by a sync probe."""
     signals = {_locator_of(profile, signal.notation, signal) for signal in profile.signals.values()}
-    readable = {name: _locator_of(profile, name, one) for name, one in profile.parameters.items() if one.readable}
+    readable = {
+        name: _locator_of(profile, name, locator) for name, locator in profile.parameters.items() if locator.readable
+    }
     signals |= {(profile.status.space, profile.status.register_)} if profile.status else set()
-    wanted = signals | {readable.get(name) for name in (*profile.preconditions, *(profile.ramp or ()))}
-    known = {one for one in (*signals, *readable.values()) if one is not None and one[0] not in BIT_SPACES}
-    known -= block_registers(profile)
-    pairs = [{one, (one[0], one[1] + 1)} for one in known if (one[0], one[1] + 1) in known]
-    return profile.modbus is not None and profile.modbus.max_read > 1 and any(pair & wanted for pair in pairs)
+    read_locators = signals | {readable.get(name) for name in (*profile.preconditions, *(profile.ramp or ()))}
+    registers = {
+        locator for locator in (*signals, *readable.values()) if locator is not None and locator[0] not in BIT_SPACES
+    }
+    registers -= block_registers(profile)
+    pairs = [
+        {locator, (locator[0], locator[1] + 1)} for locator in registers if (locator[0], locator[1] + 1) in registers
+    ]
+    return profile.modbus is not None and profile.modbus.max_read > 1 and any(pair & read_locators for pair in pairs)
 
 
 def _register_of(profile: ProfileIn, notation: str, entry: SignalIn | ParameterIn) -> int | None:

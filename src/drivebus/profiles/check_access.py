@@ -148,8 +148,8 @@ def _readable_spaces(profile: ProfileIn) -> list[str]:
 
 
 def _needs_function(path: KeyPath, found: object, *functions: int) -> Issue:
-    wanted = functions or (READ_FUNCTIONS[str(found)],)
-    shown = " / ".join(map(str, wanted))
+    required = functions or (READ_FUNCTIONS[str(found)],)
+    shown = " / ".join(map(str, required))
     return issue("access", path, found, related=(("modbus", "functions"),), what=f"[modbus] functions {shown}")
 
 

@@ -65,9 +65,9 @@ def format_locator(locator: Locator, profile: DriveProfile) -> str:
     Where that notation finds an entry at another address, the space stands before it: ``holding:0000H``.
     """
     listed = _find_listed(profile, locator)
-    shown = listed.notation if listed else _style(profile.notation).format(locator, profile.notation.highest)
-    other = _find_by_notation(profile, shown) if listed is None else None
-    return shown if other is None else f"{locator[0]}:{shown}"
+    notation = listed.notation if listed else _style(profile.notation).format(locator, profile.notation.highest)
+    other = _find_by_notation(profile, notation) if listed is None else None
+    return notation if other is None else f"{locator[0]}:{notation}"
 
 
 def find_entry(profile: DriveProfile, name: str) -> Signal | Parameter:
@@ -104,21 +104,21 @@ def _find_listed(profile: DriveProfile, locator: Locator) -> Signal | Parameter 
 
 def _find_by_notation(profile: DriveProfile, name: str) -> Signal | Parameter | None:
     """Find an entry of another space than holding registers, which its notation does not show."""
-    wanted = name.strip().casefold()
+    folded_name = name.strip().casefold()
     entries: list[Signal | Parameter] = [*profile.signals.values(), *profile.parameters.values()]
-    return next((entry for entry in entries if entry.notation.casefold() == wanted), None)
+    return next((entry for entry in entries if entry.notation.casefold() == folded_name), None)
 
 
 def _find_by_name(profile: DriveProfile, name: str) -> Parameter | None:
     """Find a parameter whose profile entry gives the register of a notation that no style reads (P0-10, A1.05)."""
-    wanted = name.strip().casefold()
-    return next((p for notation, p in profile.parameters.items() if notation.casefold() == wanted), None)
+    folded_name = name.strip().casefold()
+    return next((p for notation, p in profile.parameters.items() if notation.casefold() == folded_name), None)
 
 
 def _find_by_numbers(profile: DriveProfile, name: str) -> Parameter | None:
     """Find a parameter whose profile entry gives the register although the group sizes are unknown (VC660 F00.02)."""
-    wanted = _group_and_item(name)
-    return next((p for p in profile.parameters.values() if wanted and _group_and_item(p.notation) == wanted), None)
+    numbers = _group_and_item(name)
+    return next((p for p in profile.parameters.values() if numbers and _group_and_item(p.notation) == numbers), None)
 
 
 def _group_and_item(notation: str) -> tuple[int, int] | None:

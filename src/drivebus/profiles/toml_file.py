@@ -126,19 +126,19 @@ def format_issue(data: Mapping[str, Any], newest: int) -> Issue | None:
 
 def line_of(text: str, path: Sequence[str | int]) -> int | None:
     """Return the 1-based line of the key or of its nearest parent; None where neither is in the text."""
-    wanted = tuple(str(part) for part in path)
+    key_path = tuple(str(part) for part in path)
     best: tuple[int, int] | None = None
-    for found, line in iter_keys(text):
-        depth = len(found)
-        if found == wanted[:depth] and (best is None or depth > best[0]):
+    for key, line in iter_keys(text):
+        depth = len(key)
+        if key == key_path[:depth] and (best is None or depth > best[0]):
             best = (depth, line)
     return best[1] if best else None
 
 
 def has_key(text: str, path: Sequence[str | int]) -> bool:
     """Return whether the key itself, not only a parent, is in the text."""
-    wanted = tuple(str(part) for part in path)
-    return any(found == wanted for found, _ in iter_keys(text))
+    key_path = tuple(str(part) for part in path)
+    return any(key == key_path for key, _ in iter_keys(text))
 
 
 def iter_keys(text: str) -> Iterator[tuple[TomlPath, int]]:

@@ -76,7 +76,7 @@ class Service:
         now = self._timer.now
         clock = UtcClock(now, wall_ms)
         self._alarm_log = storage.alarm_log
-        known = storage.alarm_log.load()
+        earlier_alarms = storage.alarm_log.load()
         self.plant = Plant(
             config=config,
             now=now,
@@ -90,7 +90,7 @@ class Service:
                 config.alarms,
                 config.drives,
                 storage.alarm_log.put,
-                known,
+                earlier_alarms,
                 first_number=storage.alarm_log.next_number,
                 now=now(),
                 now_ms=wall_ms(),

@@ -78,8 +78,8 @@ class SimulatedBus:
         self.settings = settings or (self.stations[0].factory_settings if self.stations else SerialSettings())
         self.name = name
         self.rng = random.Random(seed)
-        chosen = parse_line_quality(line_quality) if isinstance(line_quality, str) else line_quality
-        self.wire = Wire(self.settings, chosen, self.rng)
+        quality = parse_line_quality(line_quality) if isinstance(line_quality, str) else line_quality
+        self.wire = Wire(self.settings, quality, self.rng)
         self.masters: list[BusMaster] = []
         self.on_replug: list[Callable[[], None]] = []
         """Called by ``replug``: servers open their ports again."""

@@ -132,12 +132,12 @@ def _create_bus(url: Any, name: str) -> SimulatedBus:
 
 def _master_settings(url: Any, factory: SerialSettings) -> SerialSettings:
     """Return the master's serial settings: the URL's, and the factory settings for what it omits."""
-    chosen: SerialSettings = url.settings
+    settings: SerialSettings = url.settings
     if "baud" not in url.explicit:
-        chosen = replace(chosen, baud=factory.baud)
+        settings = replace(settings, baud=factory.baud)
     if "format" not in url.explicit:
-        chosen = SerialSettings(chosen.baud, factory.data_bits, factory.parity, factory.stop_bits)
-    return chosen
+        settings = SerialSettings(settings.baud, factory.data_bits, factory.parity, factory.stop_bits)
+    return settings
 
 
 def _station_settings(url: Any, default: SerialSettings) -> SerialSettings:

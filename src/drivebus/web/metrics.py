@@ -209,12 +209,12 @@ def _statistics_points(statistics: Json) -> Iterator[OptionalPoint]:
 
 
 def _alarm_points(alarms: list[Json]) -> Iterator[OptionalPoint]:
-    shown = _unshelved(alarms)
-    yield "alarms_shelved", (), len(alarms) - len(shown)
-    yield from _priority_counts("alarms_active", (), (alarm for alarm in shown if alarm["cleared_ms"] is None))
-    yield from _priority_counts("alarms_cleared_unacknowledged", (), _cleared(shown))
+    unshelved = _unshelved(alarms)
+    yield "alarms_shelved", (), len(alarms) - len(unshelved)
+    yield from _priority_counts("alarms_active", (), (alarm for alarm in unshelved if alarm["cleared_ms"] is None))
+    yield from _priority_counts("alarms_cleared_unacknowledged", (), _cleared(unshelved))
     yield from _priority_counts(
-        "alarms_unacknowledged", (), (alarm for alarm in shown if alarm["acknowledged_ms"] is None)
+        "alarms_unacknowledged", (), (alarm for alarm in unshelved if alarm["acknowledged_ms"] is None)
     )
 
 

@@ -71,16 +71,16 @@ def alternative_fields(description: FrameDescription) -> Mapping[str, Any] | Non
     return None
 
 
-def _choose_encoding(profile: DriveProfile, data: bytes, wanted: str | None) -> str:
+def _choose_encoding(profile: DriveProfile, data: bytes, requested: str | None) -> str:
     """Return an encoding of the family, also one that the model does not offer."""
     family = protocol_family(profile.family)
-    known = family.encodings
-    if wanted is None:
-        default = next((encoding for encoding in profile.encodings if encoding in known), known[0])
+    encodings = family.encodings
+    if requested is None:
+        default = next((encoding for encoding in profile.encodings if encoding in encodings), encodings[0])
         return family.first_bytes.get(data[0], default) if data else default
-    if wanted not in known:
-        raise ConfigurationError("explain.encoding", model=profile.model, found=wanted, expected=tuple(known))
-    return wanted
+    if requested not in encodings:
+        raise ConfigurationError("explain.encoding", model=profile.model, found=requested, expected=tuple(encodings))
+    return requested
 
 
 def _check_direction(direction: str | None) -> FrameDirection | None:

@@ -29,9 +29,11 @@ def create_dialect(
     if address == profile.broadcast or not low <= address <= high:
         key = "drives.address_broadcast" if address == profile.broadcast else "drives.address"
         raise ConfigurationError(key, model=profile.model, found=address, expected=f"{low}-{high}")
-    chosen = encoding or profile.encodings[0]
-    if chosen not in profile.encodings:
-        raise ConfigurationError("drives.encoding", model=profile.model, found=chosen, expected=profile.encodings)
+    encoding_in_use = encoding or profile.encodings[0]
+    if encoding_in_use not in profile.encodings:
+        raise ConfigurationError(
+            "drives.encoding", model=profile.model, found=encoding_in_use, expected=profile.encodings
+        )
     unknown = [name for name in options or {} if name not in profile.options]
     if unknown:
         known = tuple(profile.options) or "-"
@@ -44,5 +46,5 @@ def create_dialect(
     make = resolve(protocol_family(profile.family).dialect)
     has_nonces = profile.modbus is not None and profile.modbus.loopback
     numbered = {"nonce_start": nonce_start} if has_nonces else {}
-    dialect: Dialect = make(profile, address, chosen, merged, timing or profile.timing, **numbered)
+    dialect: Dialect = make(profile, address, encoding_in_use, merged, timing or profile.timing, **numbered)
     return dialect

@@ -125,8 +125,8 @@ class Dzb100Dialect(Dialect):
         return Dzb100Query(self.address, 1), Dzb100Query(self.address, STATE_ITEM)
 
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
-        wanted = {self.profile.signals[n].locator[1] for n in names if n in self.profile.signals}
-        items = sorted(wanted | {1, STATE_ITEM})
+        signal_items = {self.profile.signals[n].locator[1] for n in names if n in self.profile.signals}
+        items = sorted(signal_items | {1, STATE_ITEM})
         return tuple(
             (Dzb100Query(self.address, item), shortest_period_s(self.profile, self._signals.get(item, ())))
             for item in items

@@ -248,18 +248,18 @@ class ModbusDialect(Dialect):
 
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
         """Merge signals of similar periods into one read where their registers touch."""
-        wanted: dict[Span, float] = {}
+        periods: dict[Span, float] = {}
         if self.status_map is not None and self._status_span is not None:
-            wanted[self._status_span] = DEFAULT_POLL_PERIOD_S
+            periods[self._status_span] = DEFAULT_POLL_PERIOD_S
             if not self.status_map.shows_fault:
                 registers = self.status_map.fault_registers
-                wanted |= {Span("holding", register): DEFAULT_POLL_PERIOD_S for register in registers}
+                periods |= {Span("holding", register): DEFAULT_POLL_PERIOD_S for register in registers}
         for name in names:
             signal = self.profile.signals.get(name)
             if signal is not None:
                 span = span_of(signal)
-                wanted[span] = min(wanted.get(span, signal.period_s), signal.period_s)
-        return self._merged_reads(wanted)
+                periods[span] = min(periods.get(span, signal.period_s), signal.period_s)
+        return self._merged_reads(periods)
 
     def _merged_reads(self, periods: dict[Span, float]) -> tuple[tuple[ReadRequest, float], ...]:
         merged = merge_reads(periods, self._features, self._sync_span)

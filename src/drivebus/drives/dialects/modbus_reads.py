@@ -160,18 +160,20 @@ def sync_spans(profile: DriveProfile) -> tuple[Span, ...]:
 
 
 def _sync_spans_in(profile: DriveProfile, space: str) -> tuple[Span, ...]:
-    named = [p.notation for p in profile.preconditions] + list(profile.ramp_notations or ())
+    notations = [p.notation for p in profile.preconditions] + list(profile.ramp_notations or ())
     entries: list[Signal | Parameter] = [*profile.signals.values()]
-    entries += [profile.parameters[name] for name in named if name in profile.parameters]
-    wanted = {entry.locator[1] for entry in entries if entry.locator[0] == space}
+    entries += [profile.parameters[name] for name in notations if name in profile.parameters]
+    signal_registers = {entry.locator[1] for entry in entries if entry.locator[0] == space}
     if profile.status is not None and profile.status.space == space:
-        wanted.add(profile.status.register)
+        signal_registers.add(profile.status.register)
     readable = {p.locator[1] for p in profile.parameters.values() if p.readable and p.locator[0] == space}
     blocks = profile.modbus.blocks if profile.modbus is not None and space == "holding" else ()
-    known = (readable | wanted) - {register for first, count in blocks for register in range(first, first + count)}
+    readable_registers = (readable | signal_registers) - {
+        register for first, count in blocks for register in range(first, first + count)
+    }
     pairs: list[Span] = []
-    for index in sorted(known):
-        touches = index + 1 in known and (index in wanted or index + 1 in wanted)
+    for index in sorted(readable_registers):
+        touches = index + 1 in readable_registers and (index in signal_registers or index + 1 in signal_registers)
         if touches and (not pairs or index >= pairs[-1].end):
             pairs.append(Span(space, index, SYNC_READ_COUNT))
     return tuple(pairs)

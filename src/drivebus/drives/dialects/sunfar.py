@@ -148,10 +148,10 @@ class SunfarDialect(Dialect):
         return tuple(request for request, _ in self.polls(("output_frequency",))[:1])
 
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
-        wanted = {self.profile.signals[name].locator[1] for name in names if self._is_monitor(name)}
-        if not wanted:  # every reply carries the state, so any monitor will do
-            wanted = {min(self._signals, default=0)}
-        return tuple((self._monitor_read(index), self._period_s(index, names)) for index in sorted(wanted))
+        monitors = {self.profile.signals[name].locator[1] for name in names if self._is_monitor(name)}
+        if not monitors:  # every reply carries the state, so any monitor will do
+            monitors = {min(self._signals, default=0)}
+        return tuple((self._monitor_read(index), self._period_s(index, names)) for index in sorted(monitors))
 
     def _is_monitor(self, name: str) -> bool:
         return name in self.profile.signals and self.profile.signals[name].locator[0] == "monitor"

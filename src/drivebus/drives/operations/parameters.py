@@ -114,25 +114,25 @@ def write_values(
     outcome = op.outcome(OutcomeStatus.CONFIRMED, "drives.nothing_to_write")
     notes = outcome.notes
     yield from op.start_clock()
-    for wanted in checked:
-        needed = confirmation_needed(op.dialect, wanted)
+    for write in checked:
+        needed = confirmation_needed(op.dialect, write)
         if needed is not None and not force:
             raise needed
-        if save and not wanted.parameter.readable:
-            raise CapabilityError("drives.not_saved", notation=wanted.parameter.notation)
-    for place, wanted in enumerate(checked, 1):
+        if save and not write.parameter.readable:
+            raise CapabilityError("drives.not_saved", notation=write.parameter.notation)
+    for place, write in enumerate(checked, 1):
         try:
-            outcome = yield from _write_one(op, wanted, save)
+            outcome = yield from _write_one(op, write, save)
         except (BusError, DriveError, ConfigurationError) as withheld:  # of a write that was not sent
             if not notes:
                 raise
-            outcome = op.outcome(OutcomeStatus.FAILED, "drives.not_written", why=withheld, **_message_params(wanted))
+            outcome = op.outcome(OutcomeStatus.FAILED, "drives.not_written", why=withheld, **_message_params(write))
         outcome = replace(outcome, notes=(*notes, *outcome.notes))
         if not outcome.succeeded:
             return _with_unsent(outcome, checked[place:])
         outcome = with_note(outcome, outcome.key, **outcome.params)
-        caution = undescribed_note(wanted)
-        outcome = with_note(outcome, caution, **_message_params(wanted)) if caution else outcome
+        caution = undescribed_note(write)
+        outcome = with_note(outcome, caution, **_message_params(write)) if caution else outcome
         notes = outcome.notes
         op.age.checks_started_at = (yield from get_bus_conditions()).now
     return outcome
@@ -145,8 +145,8 @@ def written_texts(outcome: Outcome) -> list[Text]:
 
 def _with_unsent(outcome: Outcome, unsent: list[CheckedWrite]) -> Outcome:
     """Return an outcome with a note for each write that was not sent because an earlier one did not succeed."""
-    for wanted in unsent:
-        outcome = with_note(outcome, "drives.write_unsent", **_message_params(wanted))
+    for write in unsent:
+        outcome = with_note(outcome, "drives.write_unsent", **_message_params(write))
     return outcome
 
 
@@ -159,9 +159,9 @@ def _message_params(write: CheckedWrite) -> dict[str, object]:
 def _write_one(op: OperationContext, write: CheckedWrite, save: bool) -> DriveOperation[Outcome]:
     notation, budget = write.parameter.notation, op.drive.eeprom_budget
     params = _message_params(write)
-    held = (yield from read_raw_parameter(op, write.parameter)) if save and write.parameter.readable else None
+    present_raw = (yield from read_raw_parameter(op, write.parameter)) if save and write.parameter.readable else None
     if save:
-        if held == write.raw and not budget.count(notation).ram_written:
+        if present_raw == write.raw and not budget.count(notation).ram_written:
             return op.outcome(OutcomeStatus.CONFIRMED, "drives.write_skipped", **params)
         conditions = yield from op.check_deadline()
         yield from budget.consume(notation, conditions.day)
@@ -180,7 +180,7 @@ def _write_one(op: OperationContext, write: CheckedWrite, save: bool) -> DriveOp
     if refused is not None:
         return refused
     outcome = yield from _read_back(op, write, result.error is None, params)
-    if held == write.raw and outcome.status is OutcomeStatus.CONFIRMED:
+    if present_raw == write.raw and outcome.status is OutcomeStatus.CONFIRMED:
         # RAM held the value before it was saved: reading it back proves nothing about the EEPROM
         outcome = op.unverifiable_outcome(
             result.error is None, "drives.save_acknowledged", "drives.save_unknown", **params

@@ -58,11 +58,11 @@ def ensure_preflight(op: OperationContext) -> DriveOperation[Preflight]:
     reports: another maximum makes the same word another speed. Raises PreflightError naming each unmet parameter with
     its keypad step.
     """
-    known = op.drive.preflight
+    earlier = op.drive.preflight
     share = op.dialect.profile.setpoint_share
     is_lasting = op.dialect.reports_run_state and (share is None or share.maximum is None)
-    fresh = known is not None and known.passed and is_lasting
-    preflight = known if fresh and known is not None else (yield from read_preflight(op))
+    fresh = earlier is not None and earlier.passed and is_lasting
+    preflight = earlier if fresh and earlier is not None else (yield from read_preflight(op))
     if not preflight.passed:
         refused = all(precondition.found is None for precondition in preflight.unmet)
         raise PreflightError(
@@ -112,8 +112,8 @@ def _check_identity_code(op: OperationContext) -> DriveOperation[None]:
         result = yield from op.transact(request)
         code = None if result.error is not None else op.dialect.parameter_raw(result.reply)
         if code is not None and codes.names_other(code, model):
-            named = " / ".join(codes.models[code])
-            raise StartInhibited("drives.other_model", station=op.dialect.address, model=model, code=code, named=named)
+            models = " / ".join(codes.models[code])
+            raise StartInhibited("drives.other_model", station=op.dialect.address, model=model, code=code, named=models)
 
 
 def recheck_maximum_frequency(op: OperationContext) -> DriveOperation[None]:

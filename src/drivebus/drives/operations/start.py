@@ -128,9 +128,9 @@ def _change_running_speed(
 ) -> DriveOperation[Outcome]:
     """Change the frequency of a running drive. Reversing begins at standstill."""
     derived = op.derived
-    wanted = direction or Direction.FORWARD
+    target_direction = direction or Direction.FORWARD
     runs = derived.state in RUN_STATES
-    if not runs or (derived.direction is not None and derived.direction is not wanted):
+    if not runs or (derived.direction is not None and derived.direction is not target_direction):
         if derived.direction is None:
             raise StartInhibited("drives.turning_state", state=derived.state)
         raise StartInhibited("drives.turning", state=derived.state, direction=derived.direction)
@@ -294,8 +294,8 @@ def confirm_start(
             return _running_outcome(op, direction)
         if state in (DriveState.FAULT, DriveState.EMERGENCY_STOPPED, DriveState.NOT_READY) and not op.motion_seen:
             return op.outcome(OutcomeStatus.FAILED, "drives.start_failed", state=state)
-        taken = op.motion_seen or op.dialect.confirms_start(op.reading_pairs)
-        may_resend = state is DriveState.STOPPED and not answered and not taken
+        start_shown = op.motion_seen or op.dialect.confirms_start(op.reading_pairs)
+        may_resend = state is DriveState.STOPPED and not answered and not start_shown
         if may_resend and sent_again < MAX_RESENDS and now < command.created_at + COMMAND_TTL_S[CommandKind.START]:
             again = yield from resend_frames(op, command, frames)
             answered, sent_again = bool(again), MAX_RESENDS if again is None else sent_again + 1

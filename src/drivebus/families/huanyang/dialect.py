@@ -105,8 +105,8 @@ class HuanyangDialect(Dialect):
         return True
 
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
-        wanted = {self.profile.signals[name].locator[1] for name in names if name in self.profile.signals}
-        items = sorted(wanted | {OUTPUT_FREQUENCY_ITEM})
+        signal_items = {self.profile.signals[name].locator[1] for name in names if name in self.profile.signals}
+        items = sorted(signal_items | {OUTPUT_FREQUENCY_ITEM})
         return tuple(
             (read_status(self.address, item), shortest_period_s(self.profile, self._signals.get(item, ())))
             for item in items

@@ -96,8 +96,8 @@ class MitsubishiDialect(Dialect):
         return True
 
     def polls(self, names: tuple[str, ...]) -> tuple[tuple[Any, float], ...]:
-        wanted = {self.profile.signals[name].locator[1] for name in names if name in self.profile.signals}
-        codes = sorted(wanted | {STATUS, OUTPUT_FREQUENCY})
+        signal_items = {self.profile.signals[name].locator[1] for name in names if name in self.profile.signals}
+        codes = sorted(signal_items | {STATUS, OUTPUT_FREQUENCY})
         return tuple((self._read(code), shortest_period_s(self.profile, self._signals.get(code, ()))) for code in codes)
 
     def _read(self, code: int) -> MitsubishiRequest:

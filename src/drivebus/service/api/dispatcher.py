@@ -131,11 +131,11 @@ class Dispatcher:
     ) -> Json:
         ticket = issue_ticket(self.plant, self._affected_drives(params))
         alarms = self._affected_alarms(params)
-        known = params.model_dump() | _alarm_names(alarms)
+        recorded_params = params.model_dump() | _alarm_names(alarms)
         if isinstance(params, AlarmSelectionParams):  # not the names that a client invents
-            known["alarms"] = list(dict.fromkeys(alarm.id for alarm in alarms))
+            recorded_params["alarms"] = list(dict.fromkeys(alarm.id for alarm in alarms))
         drives = dict.fromkeys(alarm.drive for alarm in alarms if alarm.drive) if alarms else ticket.stop_counts
-        entry = _audit_entry(operation, known, actor, drives=drives)
+        entry = _audit_entry(operation, recorded_params, actor, drives=drives)
         try:
             number = await self._record(replace(entry, outcome="requested"))
         except AuditUnavailable:

@@ -70,12 +70,12 @@ class Queries:
     async def list_drives(self, params: NoParams, actor: Actor) -> Json:
         """Return recent views that show every finished command; see ``RecentDriveViews``."""
         views: list[Json] = []
-        made = 0
+        new_views = 0
         for drive in tuple(self.plant.drives.values()):
             view = self._recent_views.find(drive.id)
             if view is None:
-                made += 1
-                if made % ITEMS_PER_TURN == 0:
+                new_views += 1
+                if new_views % ITEMS_PER_TURN == 0:
                     await yield_to_loop()
             if self.plant.drives.get(drive.id) is drive:
                 views.append(view or self._recent_views.make(drive))

@@ -108,8 +108,12 @@ def _subject(item: Json, params: Mapping[str, Any], titles: Titles) -> Text:
 def _named_drives(drives: Any, titles: Titles) -> Text:
     """Return the titles of the first ``MAX_DRIVES`` of these drives, with the number of the others."""
     ids = [str(drive) for drive in drives] if isinstance(drives, list) else []
-    shown = Text.join([_title("drive", id, titles) for id in ids[:MAX_DRIVES]], "items")
-    return shown if len(ids) <= MAX_DRIVES else bilingual_text("audit.more", shown=shown, n=len(ids) - MAX_DRIVES)
+    titles_shown = Text.join([_title("drive", id, titles) for id in ids[:MAX_DRIVES]], "items")
+    return (
+        titles_shown
+        if len(ids) <= MAX_DRIVES
+        else bilingual_text("audit.more", shown=titles_shown, n=len(ids) - MAX_DRIVES)
+    )
 
 
 def _named_subjects(subjects: Any, titles: Titles) -> Text:

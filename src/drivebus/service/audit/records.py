@@ -198,7 +198,7 @@ def decode_checkpoint(line: bytes, key: bytes | None) -> AuditCheckpoint | None:
         return None
     body, mac = found
     try:
-        made = AuditCheckpoint(
+        checkpoint = AuditCheckpoint(
             number=body["checkpoint"],
             n=body["n"],
             hash=body["hash"],
@@ -208,9 +208,9 @@ def decode_checkpoint(line: bytes, key: bytes | None) -> AuditCheckpoint | None:
         )
     except KeyError:
         return None
-    numbers, words = (made.number, made.n, made.time_ms), (made.hash, made.prev)
+    numbers, words = (checkpoint.number, checkpoint.n, checkpoint.time_ms), (checkpoint.hash, checkpoint.prev)
     return (
-        made
+        checkpoint
         if all(type(number) is int for number in numbers) and all(isinstance(word, str) for word in words)
         else None
     )

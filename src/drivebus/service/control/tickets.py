@@ -30,8 +30,8 @@ MotionHandler = Callable[[Any, Actor, CommandTicket], Awaitable[Json]]
 
 def issue_ticket(plant: Plant, runtimes: Iterable[DriveRuntime]) -> CommandTicket:
     """Return a ticket for a command to these drives."""
-    known = tuple(runtimes)
-    return CommandTicket(plant.now(), {runtime.id: plant.stop_counts[runtime.id] for runtime in known}, known)
+    drives = tuple(runtimes)
+    return CommandTicket(plant.now(), {runtime.id: plant.stop_counts[runtime.id] for runtime in drives}, drives)
 
 
 def check_not_superseded(plant: Plant, ticket: CommandTicket) -> None:

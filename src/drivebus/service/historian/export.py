@@ -157,8 +157,8 @@ class HistoryExporter:
             raise InvalidParameters("plant.params", faults=[param_fault("format", params.format, "csv_only")])
         wide = "-wide" if params.layout == "wide" else ""
         name = f"history-{params.resolution}{wide}-{iso_time(params.from_ms)[:10]}.{params.format}"
-        made = self._csv(params, tags) if params.format == "csv" else self._parquet(params, tags)
-        return {"file": name, **made}
+        part = self._csv(params, tags) if params.format == "csv" else self._parquet(params, tags)
+        return {"file": name, **part}
 
     def _csv(self, params: ExportParams, tags: Mapping[str, Tag]) -> Json:
         """Return a part of a CSV file. The cursor holds the partition and the row in it, so that no state is needed."""

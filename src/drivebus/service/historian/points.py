@@ -91,11 +91,11 @@ def points_of_samples(time: Sequence[int], value: Sequence[float], quality: byte
 
     A bad sample becomes a gap whatever its value, so that no stale value is shown as live.
     """
-    known = [1] * len(time)
+    counts = [1] * len(time)
     if BAD in quality or not math.isfinite(sum(value)):
-        known = [0 if code == BAD or number != number else 1 for code, number in zip(quality, value, strict=True)]
-        value = [number if one else math.nan for number, one in zip(value, known, strict=True)]
-    return sorted_by_time(Points(time=time, count=known, low=value, mean=value, high=value, quality=quality))
+        counts = [0 if code == BAD or number != number else 1 for code, number in zip(quality, value, strict=True)]
+        value = [number if one else math.nan for number, one in zip(value, counts, strict=True)]
+    return sorted_by_time(Points(time=time, count=counts, low=value, mean=value, high=value, quality=quality))
 
 
 def sorted_by_time(points: Points) -> Points:
@@ -329,15 +329,15 @@ def _smaller_neighbour(steps: list[int], at: int) -> int:
 
 def series_json(points: Points) -> Json:
     """Return the columns of the API; null stands for a gap."""
-    known = points.count
-    if 0 not in known:
+    counts = points.count
+    if 0 not in counts:
         low, high = list(points.low), list(points.high)
         mean: list[float | None] = [round(value, MEAN_DIGITS) for value in points.mean]
         return {"t": list(points.time), "min": low, "mean": mean, "max": high, "q": list(points.quality)}
 
     def column(values: Any, digits: int | None = None) -> list[float | None]:
         shown = (value if digits is None else round(value, digits) for value in values)
-        return [value if n else None for value, n in zip(shown, known, strict=True)]
+        return [value if n else None for value, n in zip(shown, counts, strict=True)]
 
     return {
         "t": list(points.time),

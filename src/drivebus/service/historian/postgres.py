@@ -116,8 +116,8 @@ class PostgresConnection:
             runner.close()
 
     def version(self) -> int:
-        made = self.fetch("SELECT to_regclass('meta') IS NOT NULL")[0][0]
-        return int(self.fetch("SELECT value FROM meta WHERE key = 'schema'")[0][0]) if made else 0
+        has_tables = self.fetch("SELECT to_regclass('meta') IS NOT NULL")[0][0]
+        return int(self.fetch("SELECT value FROM meta WHERE key = 'schema'")[0][0]) if has_tables else 0
 
     def fetch(self, statement: str, *values: Any) -> list[SqlRow]:
         return [tuple(row) for row in self._run_coroutine(self._connected.fetch(_numbered(statement), *values))]

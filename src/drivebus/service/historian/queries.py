@@ -99,9 +99,9 @@ class HistoryQueries:
             before = (time_ms, id)
         query = EventQuery(params.from_ms, params.to_ms, params.drive, before, params.limit + 1)
         rows = await self._on_reader_thread(lambda: self._reader.store.events(query))
-        shown = rows[: params.limit]
-        more = encode_cursor(shown[-1].time_ms, shown[-1].id) if len(rows) > len(shown) else None
-        return {"items": [json.loads(row.data) for row in shown], "next": more}
+        newest = rows[: params.limit]
+        more = encode_cursor(newest[-1].time_ms, newest[-1].id) if len(rows) > len(newest) else None
+        return {"items": [json.loads(row.data) for row in newest], "next": more}
 
     async def export(self, params: ExportParams) -> Json:
         """Answer ``history.export``. Raises NotFound, InvalidParameters, ConfigurationError, ServiceUnavailable."""

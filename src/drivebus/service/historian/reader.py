@@ -140,12 +140,12 @@ def _with_samples_in_range(
     """Return ``earlier`` with the samples of a time range after its own; ``first``: number of the first of them."""
     time, value, quality = samples
     times, values, qualities = earlier.samples
-    wanted = [n for n, moment in enumerate(time) if from_ms <= moment <= to_ms]
+    indices = [n for n, moment in enumerate(time) if from_ms <= moment <= to_ms]
     return NumberedSamples(
-        earlier.number + [first + n for n in wanted],
+        earlier.number + [first + n for n in indices],
         (
-            [*times, *(time[n] for n in wanted)],
-            [*values, *(value[n] for n in wanted)],
-            qualities + bytes([quality[n] for n in wanted]),
+            [*times, *(time[n] for n in indices)],
+            [*values, *(value[n] for n in indices)],
+            qualities + bytes([quality[n] for n in indices]),
         ),
     )

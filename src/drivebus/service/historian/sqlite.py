@@ -94,8 +94,8 @@ class SqliteConnection:
             database.close()
 
     def version(self) -> int:
-        made = self.fetch("SELECT count(*) FROM sqlite_master WHERE name = 'meta'")[0][0]
-        return int(self.fetch("SELECT value FROM meta WHERE key = 'schema'")[0][0]) if made else 0
+        has_tables = self.fetch("SELECT count(*) FROM sqlite_master WHERE name = 'meta'")[0][0]
+        return int(self.fetch("SELECT value FROM meta WHERE key = 'schema'")[0][0]) if has_tables else 0
 
     def fetch(self, statement: str, *values: Any) -> list[SqlRow]:
         return self._connected.execute(statement, values).fetchall()

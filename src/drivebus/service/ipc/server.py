@@ -129,8 +129,8 @@ class _ClientConnection:
         return self._call(operation, message.get("params") or {}, actor)
 
     async def _call(self, operation: str, params: Json, actor: Actor) -> Json:
-        known = OPERATIONS.get(operation)
-        if known is None or known.yields:
+        declared = OPERATIONS.get(operation)
+        if declared is None or declared.yields:
             await yield_to_loop()
         return await self._service.call(operation, params, actor)
 
@@ -170,8 +170,8 @@ class _ClientConnection:
 
 
 def _is_stop(operation: str) -> bool:
-    known = OPERATIONS.get(operation)
-    return known is not None and known.is_stop
+    declared = OPERATIONS.get(operation)
+    return declared is not None and declared.is_stop
 
 
 async def _too_busy() -> Json:

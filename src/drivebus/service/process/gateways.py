@@ -140,15 +140,15 @@ class GatewaySupervisor(PlantListener):
 
     def on_reload(self) -> None:
         """Start what was added, end what was removed, restart what was changed; notify the others."""
-        wanted = {
+        enabled = {
             gateway.id: gateway
             for gateway in self._plant.config.gateways
             if gateway.enabled and gateway.id not in self._without
         }
-        for name in self._configs.keys() - wanted.keys():
+        for name in self._configs.keys() - enabled.keys():
             del self._configs[name], self._plant.gateways[name]
             self._end(name)
-        for name, config in wanted.items():
+        for name, config in enabled.items():
             if self._configs.get(name) != config:
                 self._start(config)
             else:

@@ -126,10 +126,10 @@ def difference_json(change: ConfigDiff) -> Json:
 
 def address_notes(running: PlantConfig, new: PlantConfig, unstarted: Collection[str]) -> list[Json]:
     """Return a sentence for each gateway that a reload moves or ends: its users lose it at its present address."""
-    wanted = {gateway.id: gateway for gateway in new.gateways if gateway.enabled}
+    enabled = {gateway.id: gateway for gateway in new.gateways if gateway.enabled}
     notes = []
     for before in running.gateways:
-        after = wanted.get(before.id)
+        after = enabled.get(before.id)
         address = after.address if after else None
         if not before.enabled or before.id in unstarted or (after is not None and before.address == address):
             continue

@@ -43,20 +43,20 @@ def make_station(
     model: str, address: int, options: Mapping[str, str] | None = None, load: str = "constant"
 ) -> SimulatedStation:
     """Return one simulated drive; ``options`` of other models are ignored. Raises ConfigurationError."""
-    chosen = simulated_model(model)
-    addresses = chosen.addresses
+    simulated = simulated_model(model)
+    addresses = simulated.addresses
     if address not in addresses:
         expected = f"{addresses.start} … {addresses.stop - 1}"
         raise ConfigurationError("sim.address", model=model, found=address, expected=expected)
     if load not in LOADS:
         raise ConfigurationError("sim.setting", name="load", found=load, expected=tuple(LOADS))
-    arguments = dict(chosen.fixed)
+    arguments = dict(simulated.fixed)
     for name, value in (options or {}).items():
-        if name in chosen.options:
-            if value not in chosen.options[name]:
-                raise ConfigurationError("sim.setting", name=name, found=value, expected=tuple(chosen.options[name]))
+        if name in simulated.options:
+            if value not in simulated.options[name]:
+                raise ConfigurationError("sim.setting", name=name, found=value, expected=tuple(simulated.options[name]))
             arguments[name] = value
-    return chosen.station(address, motor=Motor(load=LOADS[load]()), **arguments)
+    return simulated.station(address, motor=Motor(load=LOADS[load]()), **arguments)
 
 
 def _simulated_from_profile(model: str) -> SimulatedModel | None:

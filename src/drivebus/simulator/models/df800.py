@@ -123,8 +123,8 @@ class DF800Station(SimulatedStation):
 
     def _register(self, register: int) -> int | None:
         if register in (COMMAND, FREQUENCY):
-            shown = self.command if register == COMMAND else round(self.bus_hz * 100)
-            return shown if self.reads_command else None
+            word = self.command if register == COMMAND else round(self.bus_hz * 100)
+            return word if self.reads_command else None
         if register < 16:
             return self._monitor(register) & 0xFFFF
         return None if self.memory.read_rejection(register) else self.memory[register]

@@ -67,10 +67,10 @@ def _limited_list(value: object, most: int) -> list[str]:
 
 
 def _all_matching(pattern: re.Pattern[str], words: Iterable[object]) -> tuple[str, ...]:
-    chosen = tuple(words)
-    if not all(isinstance(word, str) and pattern.fullmatch(word) for word in chosen):
-        raise ValueError(str(chosen)[:100])
-    return chosen  # type: ignore[return-value]
+    texts = tuple(words)
+    if not all(isinstance(word, str) and pattern.fullmatch(word) for word in texts):
+        raise ValueError(str(texts)[:100])
+    return texts  # type: ignore[return-value]
 
 
 @dataclass(slots=True)

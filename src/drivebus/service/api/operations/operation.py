@@ -208,10 +208,10 @@ class Operation:
 
     def validate(self, params: Json) -> OperationParams:
         """Return the parameters as the model. Raises InvalidParameters with the first ``MAX_FAULTS`` faults."""
-        known = self.params.model_fields
-        unknown = islice((name for name in params if name not in known), MAX_FAULTS)
+        fields = self.params.model_fields
+        unknown = islice((name for name in params if name not in fields), MAX_FAULTS)
         try:
-            return self.params.model_validate({name: params[name] for name in (*(known & params.keys()), *unknown)})
+            return self.params.model_validate({name: params[name] for name in (*(fields & params.keys()), *unknown)})
         except ValidationError as error:
             found = error.errors(include_url=False)[:MAX_FAULTS]
             raise params_error(self.name, pydantic_faults(found)) from error
