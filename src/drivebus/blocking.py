@@ -96,7 +96,7 @@ class Bus:
         return bool(self.call(lambda: self.bus.foreign_master))
 
     def inhibit_start(self, addresses: Iterable[int] | None = None) -> None:
-        """No frame that may move a motor leaves for these stations (None: all) until ``release_start``."""
+        """Refuse every frame that may move a motor of these stations (None: all) until ``release_start``."""
         self.call(self.bus.inhibit_start, addresses)
 
     def release_start(self, addresses: Iterable[int] | None = None) -> None:

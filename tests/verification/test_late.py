@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from typing import Any
 
 import pytest
@@ -39,21 +36,6 @@ def test_no_late_reply_is_accepted_and_runs_are_reproducible() -> None:
     assert first.violations == [] and first.trials == 200
     assert first.digest == second.digest
     assert first.digest != run_campaign(late.CAMPAIGN, CampaignRun(campaign="late", seed=2, budget=200)).digest
-
-
-def test_a_run_does_not_depend_on_the_hash_seed() -> None:
-    code = (
-        "from verification.campaign import CampaignRun, run_campaign\n"
-        "from verification.campaigns.late import CAMPAIGN\n"
-        "print(run_campaign(CAMPAIGN, CampaignRun(campaign='late', seed=5, budget=100)).digest)"
-    )
-    digests = {
-        subprocess.run(
-            [sys.executable, "-c", code], env={**os.environ, "PYTHONHASHSEED": seed}, capture_output=True, check=True
-        ).stdout
-        for seed in ("1", "2")
-    }
-    assert len(digests) == 1
 
 
 @pytest.mark.parametrize("variant", ALL)
