@@ -244,6 +244,33 @@ def test_what_is_chosen_is_seen_with_the_colours_of_the_system(stage: Stage, vis
         assert page.locator(marked).evaluate(edge) != page.locator(rest).evaluate(edge)
 
 
+LINES_OVER_EACH_OTHER = """(some) => some.filter((one) => {
+  const style = getComputedStyle(one);
+  return parseFloat(style.lineHeight) < parseFloat(style.fontSize);
+}).length"""
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_larger_font_of_the_browser_enlarges_every_text_and_cuts_none(
+    stage: Stage, visit: Any, language: str
+) -> None:
+    """Half of the texts stayed small, and those of a fault lay over each other and over what is below them."""
+    trip(stage, "fan-3")
+    page = visit("#/fleet", language=language)
+    page.evaluate("document.documentElement.style.fontSize = '24px'")
+    page.locator(".tilefault").first.wait_for()
+    assert page.evaluate("getComputedStyle(document.body).fontSize") == "24px"
+    assert page.locator(".tilefault, .tilerow, .tilenote").evaluate_all(LINES_OVER_EACH_OTHER) == 0
+    rows = page.locator(".tile:not(:has(.tilefault)) .tileage").all()
+    assert len(rows) == 4
+    for age in rows:
+        row = age.evaluate("one => one.closest('.tilerow').getBoundingClientRect().bottom")
+        assert age.bounding_box()["y"] < row - 10
+    page.evaluate("location.hash = '#/drive/fan-3'")
+    page.locator(".active-fault .what").wait_for()
+    assert page.locator(".active-fault").evaluate("one => one.scrollHeight - one.clientHeight") <= 1
+
+
 def test_the_language_and_the_theme_change_at_once_and_stay(stage: Stage, visit: Any) -> None:
     page = visit("#/fleet")
     page.click("text=中文")
