@@ -124,11 +124,13 @@ NEW_VERSION = """() => import("/static/js/store.js").then((store) => {
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_a_page_of_an_older_version_says_so_and_is_reloaded_by_a_button(visit: Any, language: str) -> None:
     """A page left open over an update of the service mixed scripts of both versions without a word."""
-    page = visit("#/fleet", language=language)
+    page = visit("#/fleet", language=language, size=(360, 740))
     page.locator(".tile").first.wait_for()
     assert page.locator("[data-text=new-version]").count() == 0
     page.evaluate(NEW_VERSION)
     page.locator("[data-text=new-version]", has_text="9.9.9").wait_for()
+    icon, text = (page.locator(f"[data-text=new-version] > {one}").bounding_box() for one in (".icon", "span"))
+    assert icon["x"] + icon["width"] < text["x"]  # and not alone in the line above
     with page.expect_navigation():
         page.click("[data-do=reload-page]")
     page.locator(".tile").first.wait_for()
