@@ -18,6 +18,7 @@ from drivebus.serial_settings import SerialSettings
 from drivebus.service.alarms.log import AlarmLog
 from drivebus.service.api.errors import localized
 from drivebus.service.app import Service
+from drivebus.service.config.load import load
 from drivebus.service.config.model import BusConfig, DriveConfig, PlantConfig
 from drivebus.service.incidents import IncidentStore
 from drivebus.service.incidents.store import MAX_NOTES
@@ -243,5 +244,46 @@ def test_a_failing_incident_store_is_an_alarm_until_it_works_again(tmp_path: Pat
             assert [item["drive"] for item in (await kit.call("incidents.list"))["items"]] == ["fan-2"]
             (store,) = [item for item in (await kit.call("alarms.list"))["active"] if item["kind"] == "storage_failure"]
             assert store["cleared_ms"] is not None
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("change", ["address", "bus", "model"])
+def test_an_incident_after_a_reload_that_replaced_the_motor_has_nothing_of_the_former_one(
+    tmp_path: Path, change: str
+) -> None:
+    """It had the minute before of the former motor, and a trip within ten seconds was part of its incident."""
+    head = (
+        'format = 1\n[plant]\nid = "p"\n'
+        '[bus.a]\nport = "sim://c320@1-3?ramp=2&name=a"\n[bus.b]\nport = "sim://c320@1-3?ramp=2&name=b"\n'
+    )
+    before = {"bus": "a", "address": 1, "model": "c320"}
+    after = before | {"address": {"address": 2}, "bus": {"bus": "b"}, "model": {"model": "c300"}}[change]
+
+    def write(drive: dict[str, Any]) -> PlantConfig:
+        drive_text = "".join(f"{name} = {value!r}\n" for name, value in drive.items())
+        (tmp_path / "plant.toml").write_text(f"{head}[drive.fan-1]\n{drive_text}".replace("'", '"'))
+        return load(tmp_path / "plant.toml")
+
+    async def scenario() -> None:
+        async with service_with_logs(tmp_path, write(before)) as kit:
+            first = await trip(kit)
+            write(after)
+            await kit.call("configuration.reload")
+            assert [one["cleared_ms"] is None for one in await faults(kit)] == [False], "another motor has no fault yet"
+            replaced_at = kit.service.plant.now()
+            await asyncio.sleep(3)
+            kit.station("fan-1").trip(Trip.UNDERVOLTAGE)
+            await asyncio.sleep(3)
+            second = next(alarm for alarm in await faults(kit) if alarm["id"] != first["id"])
+            assert second["incident"] != first["incident"]
+            incident = await kit.call("incidents.get", incident=second["incident"])
+            since_s = -(kit.service.plant.now() - replaced_at)
+            times_s = [t for series in incident["signals"].values() for t in series["t"]]
+            assert times_s and min(times_s) >= since_s
+            assert "running" not in [item["state"] for item in incident["states"]]
+            assert not [item for item in incident["events"] if item["kind"] == "command"]
+            own = [frame["t"] for frame in incident["frames"] if frame["station"] == after["address"]]
+            assert own and min(own) >= since_s
 
     run(scenario())

@@ -6,7 +6,7 @@ may be set at any time.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -115,9 +115,20 @@ class AlarmEngine:
     # --- configuration ---------------------------------------------------------------------------------------------
 
     def configure(
-        self, settings: Sequence[AlarmConfig], drives: Sequence[DriveConfig], now_ms: int
+        self,
+        settings: Sequence[AlarmConfig],
+        drives: Sequence[DriveConfig],
+        now_ms: int,
+        *,
+        replaced_drives: Collection[str] = (),
     ) -> list[AlarmChange]:
-        """Apply a configuration. Unchanged conditions keep their state; alarms without a condition are cleared."""
+        """Apply a configuration. Unchanged conditions keep their state; alarms without a condition are cleared.
+
+        So are those of a replaced drive: another motor raises its own, also where it has the same fault.
+        """
+        cleared = self._clear_where(lambda alarm: alarm.drive in replaced_drives, now_ms)
+        for drive in replaced_drives:
+            self._conditions.pop(drive, None)
         old = {(one.setting, one.drive): one for conditions in self._conditions.values() for one in conditions}
         self._titles = {one.id: title_of(one) for one in drives}
         self._conditions = {
@@ -127,7 +138,10 @@ class AlarmEngine:
             ]
             for id in self._titles
         }
-        return self._clear_unconfigured(now_ms)
+        configured = {one.key for conditions in self._conditions.values() for one in conditions}
+        return cleared + self._clear_where(
+            lambda alarm: alarm.kind not in SYSTEM_ALARM_KINDS and alarm.key not in configured, now_ms
+        )
 
     def _resume(self, condition: AlarmCondition) -> AlarmCondition:
         """Mark a condition as raised if its alarm is uncleared, so that it is not raised twice."""
@@ -136,14 +150,9 @@ class AlarmEngine:
             condition.raised, condition.value = True, self._alarms[id].value
         return condition
 
-    def _clear_unconfigured(self, now_ms: int) -> list[AlarmChange]:
-        configured = {one.key for conditions in self._conditions.values() for one in conditions}
-        removed = [
-            key
-            for key, id in self._uncleared.items()
-            if key not in configured and self._alarms[id].kind not in SYSTEM_ALARM_KINDS
-        ]
-        return [change for key in removed for change in self._clear(key, now_ms)]
+    def _clear_where(self, matches: Callable[[Alarm], bool], now_ms: int) -> list[AlarmChange]:
+        found = [key for key, id in self._uncleared.items() if matches(self._alarms[id])]
+        return [change for key in found for change in self._clear(key, now_ms)]
 
     def _restore(self, alarm: Alarm, now: float, now_ms: int) -> None:
         """Restore an alarm of an earlier run. System alarms are cleared: the service raises again what still holds."""

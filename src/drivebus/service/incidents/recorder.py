@@ -150,7 +150,7 @@ class IncidentRecorder:
             self._buffer(event["drive"]).add_event(event)
 
     def remove_drive(self, drive: str) -> None:
-        """Drop the buffer of a drive that was removed from the plant."""
+        """Drop the buffer of a drive: a later one of its name has a minute and incidents of its own."""
         self._buffers.pop(drive, None)
         self._last_incident.pop(drive, None)
 

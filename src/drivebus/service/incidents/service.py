@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping, Sequence
 
+from drivebus.bus.trace import TraceEvent
 from drivebus.service.alarms import Alarm, AlarmChange
 from drivebus.service.api.frames import frame_json
 from drivebus.service.api.handlers import handles
@@ -27,6 +28,7 @@ from drivebus.service.incidents.recorder import (
 )
 from drivebus.service.incidents.store import IncidentStore
 from drivebus.service.live.views import DriveView, Sample
+from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.fairness import iter_cooperatively
 from drivebus.service.runtime.plant import Plant, PlantListener
 from drivebus.types import Json
@@ -80,7 +82,7 @@ class IncidentService(PlantListener):
         if runtime is None:
             return None
         bus = self._plant.bus_of(runtime)
-        newest = list(bus.frames)[-INCIDENT_FRAMES:]
+        newest = [one for one in bus.frames if not _is_of_former_drive(one.event, runtime)][-INCIDENT_FRAMES:]
         frames = [(frame_json(bus, frame), frame.event) async for frame in iter_cooperatively(newest, internal=True)]
         return BusSnapshot(bus.config.id, bus.config.port, bus.bus.port.settings, frames)
 
@@ -109,3 +111,8 @@ class IncidentService(PlantListener):
     async def add_note(self, params: IncidentNoteParams, actor: Actor) -> Json:
         note = {"time_ms": self._plant.wall_ms(), "by": actor.name, "text": params.note}
         return {"notes": await asyncio.to_thread(self._store.add_note, params.incident, note)}
+
+
+def _is_of_former_drive(event: TraceEvent, runtime: DriveRuntime) -> bool:
+    """Return whether a frame is of the drive that had this address before a reload."""
+    return event.station == runtime.config.address and event.time < runtime.added_at

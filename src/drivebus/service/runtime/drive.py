@@ -62,6 +62,8 @@ class DriveRuntime:
         """Found running when this service started, and not reported at standstill since."""
         self.ramp_holds = 0
         """Ramp holds that have not ended: their end is still to be sent."""
+        self.added_at = 0.0
+        """Monotonic time at which it was added, at the start or by a reload; earlier frames are of another motor."""
         self.last_motion_at = 0.0
         """Monotonic time at which its last start ended; infinite while one is under way."""
         self.state_was_known = False

@@ -86,7 +86,8 @@ class PlantListener:
     def on_view(self, view: DriveView) -> None:
         """Handle a new view of a drive, from every supervision cycle."""
 
-    def on_drive_removed(self, drive: str) -> None: ...
+    def on_drive_removed(self, drive: str) -> None:
+        """Handle that a drive left its bus: a reload removed it, or gave its name to another motor."""
 
     def on_reload(self) -> None:
         """Handle a reload: the plant has another configuration."""
@@ -156,6 +157,7 @@ class Plant:
     def add_drive(self, config: DriveConfig, on_status: Callable[[DriveRuntime, DriveStatus], None]) -> DriveRuntime:
         """Add a drive to its bus. ``on_status`` is called with each new status of its monitor."""
         drive = self.buses[config.bus].add_drive(config, on_status=on_status, store=self.drive_store)
+        drive.added_at = self.now()
         self.drives[drive.id] = drive
         self.restore(drive)
         return drive
@@ -182,6 +184,10 @@ class Plant:
         self.views.pop(drive, None)
         self._last_commands_at.pop(drive, None)
         self.hub.remove(f"drives/{drive}")
+        self.notify_drive_removed(drive)
+
+    def notify_drive_removed(self, drive: str) -> None:
+        """Call the listeners after a drive left its bus, for good or to be replaced."""
         for listener in self._listeners:
             listener.on_drive_removed(drive)
 

@@ -118,7 +118,9 @@ class ConfigReload:
         plant.buses = {bus.id: plant.buses[bus.id] for bus in new.buses}
         plant.drives = {drive.id: plant.drives[drive.id] for drive in new.drives}
         plant.interlocks.replace(new.interlocks, _leaving_drives(change))
-        plant.publish_alarms(plant.alarms.configure(new.alarms, new.drives, plant.wall_ms()))
+        plant.publish_alarms(
+            plant.alarms.configure(new.alarms, new.drives, plant.wall_ms(), replaced_drives=_leaving_drives(change))
+        )
         self._clear_alarms(change)
         plant.historian.set_labels(signal_labels(plant.config))
         self._discard_removed(change)
@@ -145,6 +147,7 @@ class ConfigReload:
             bus = self.plant.bus_of(self.plant.drives.pop(id))
             bus.remove_drive(id)
             self.plant.views.pop(id, None)
+            self.plant.notify_drive_removed(id)
         return [self.plant.buses.pop(id) for id in (*change.buses.removed, *change.reopened)]
 
     def _add_new(self, new: PlantConfig) -> None:
@@ -165,7 +168,7 @@ class ConfigReload:
                 self.plant.restore(runtime)
 
     def _clear_alarms(self, change: ConfigDiff) -> None:
-        """Clear the system alarms of what was removed or replaced."""
+        """Clear the system alarms of interlocks and buses that were removed or replaced."""
         for alarm in self.plant.alarms.active():
             if alarm.kind in SYSTEM_ALARM_KINDS and alarm.cleared_ms is None and _subject_is_gone(alarm, change):
                 self.plant.clear_alarm(SystemAlarm(alarm.kind), alarm.drive, subject=alarm.subject)
@@ -200,4 +203,4 @@ def _subject_is_gone(alarm: Alarm, change: ConfigDiff) -> bool:
     ):
         return True
     of_bus = alarm.kind in (SystemAlarm.PORT_LOST, SystemAlarm.FOREIGN_MASTER)
-    return alarm.subject in change.buses.removed if of_bus else alarm.drive in change.drives.removed
+    return of_bus and alarm.subject in change.buses.removed
