@@ -20,6 +20,7 @@ from drivebus.errors import (
     ServiceError,
     StartInhibited,
     StopUnconfirmed,
+    Superseded,
     before_motion,
 )
 from drivebus.service.alarms import SystemAlarm
@@ -67,6 +68,8 @@ class DriveCommands:
 
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
+        self._settings_lock = asyncio.Lock()
+        """Held while a setting is stored and applied: of two changes the same one is the last on disk and in force."""
 
     def require_control(self, drive: str, actor: Actor) -> DriveRuntime:
         """Return a drive that the actor controls. Raises NotFound, ControlNotHeld."""
@@ -311,23 +314,30 @@ class DriveCommands:
         return {"waiver": await self.record_waiver(self.plant.drive_runtime(params.drive), params.reason, actor)}
 
     async def record_waiver(self, runtime: DriveRuntime, reason: str, actor: Actor) -> str:
-        """Record a waiver and return its text. Raises ConfigurationError."""
+        """Record a waiver and return its text. Raises ConfigurationError; Superseded where it was for another motor."""
         text = f"{reason} ({actor.name})"
         waiver = CommLossWaiver.for_drive(text, runtime.config, self.plant.bus_of(runtime).config)
-        await self._store_value(waiver_key(runtime.id), waiver.to_json())
-        runtime.comm_loss.waiver = text
+        async with self._settings_lock:
+            if await self._store_value(runtime, waiver_key(runtime.id), waiver.to_json()) is not runtime:
+                raise Superseded("plant.another_meanwhile", drive=runtime.id)
+            runtime.comm_loss.waiver = text
         self.plant.publish_event("waiver", runtime.id, "plant.waived", actor=actor.name, reason=reason)
         return text
 
-    async def _store_value(self, key: str, value: str) -> None:
-        """Store a value durably, in a thread. Raises ConfigurationError."""
+    async def _store_value(self, runtime: DriveRuntime, key: str, value: str) -> DriveRuntime:
+        """Store a value durably, in a thread. Raises ConfigurationError.
+
+        Return the drive that has this name by then: a reload that replaced it has read the value of before.
+        """
         await asyncio.to_thread(self.plant.store.put, key, value)
+        return self.plant.drives.get(runtime.id, runtime)
 
     @handles(WAIVER_REVOKE)
     async def revoke_waiver(self, params: DriveParams, actor: Actor) -> Json:
         runtime = self.plant.drive_runtime(params.drive)
-        await self._store_value(waiver_key(runtime.id), "")
-        runtime.comm_loss.waiver, runtime.comm_loss.waiver_of_another = None, None
+        async with self._settings_lock:
+            runtime = await self._store_value(runtime, waiver_key(runtime.id), "")
+            runtime.comm_loss.waiver, runtime.comm_loss.waiver_of_another = None, None
         self.plant.publish_event("waiver", runtime.id, "plant.unwaived", actor=actor.name)
         return {}
 
@@ -342,9 +352,10 @@ class DriveCommands:
             raise LimitError(
                 "plant.limits", drive=runtime.id, minimum_hz=runtime.configured_range_hz[0], maximum_hz=highest
             )
-        await self._store_value(limits_key(runtime.id), json.dumps(asdict(own)))
-        runtime.limits_lost = False
-        runtime.set_limits(narrow_limits(own, runtime.config.limits))
+        async with self._settings_lock:
+            runtime = await self._store_value(runtime, limits_key(runtime.id), json.dumps(asdict(own)))
+            runtime.limits_lost = False
+            runtime.set_limits(narrow_limits(own, runtime.config.limits))
         self.plant.report_lost_limits()
         self.plant.publish_event("configuration", runtime.id, "plant.limited", actor=actor.name)
         low, high = runtime.drive.range_hz

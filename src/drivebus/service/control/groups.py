@@ -108,7 +108,7 @@ class GroupCommands:
         """Start one drive when it is its turn, unless a drive of the group was stopped meanwhile."""
         try:
             requested_at = await self._wait_for_slot(group, runtimes, runtime, ticket)
-            check_not_superseded(self.plant, ticket)
+            self._check_not_superseded(group, ticket)
             self._check_still_owner(runtime, actor)
             check_start(self.plant, runtime)
             if any(other.id not in self.plant.drives for other in runtimes):
@@ -122,6 +122,12 @@ class GroupCommands:
         runtime.group_started_at = self.plant.now()
         answer: Json = found["outcome"]
         return answer
+
+    def _check_not_superseded(self, group: GroupConfig, ticket: CommandTicket) -> None:
+        """Raise Superseded after a stop of one of its drives, or a reload that changed one of them or the group."""
+        check_not_superseded(self.plant, ticket)
+        if group not in self.plant.config.groups:
+            raise Superseded("plant.another_group_meanwhile", group=group.id)
 
     def _check_still_owner(self, runtime: DriveRuntime, actor: Actor) -> None:
         """Raise ControlNotHeld where the actor lost control while other drives started."""
@@ -201,7 +207,7 @@ class GroupCommands:
     ) -> Json:
         """Set a follower's frequency unless a drive was stopped while the leader got its own."""
         try:
-            check_not_superseded(self.plant, ticket)
+            self._check_not_superseded(group, ticket)
         except Superseded as error:
             return error_to_json(error)
         return await self.commands.set_follower(group, runtime, frequency_hz, actor, ticket.issued_at)

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from drivebus.errors import ConfigurationError, ServiceError, SystemReason
+from drivebus.errors import ConfigurationError, ServiceError, ServiceUnavailable, SystemReason
 from drivebus.service.alarms import Alarm, SystemAlarm
 from drivebus.service.alarms.model import SYSTEM_ALARM_KINDS
 from drivebus.service.api.handlers import handles
@@ -33,6 +33,7 @@ from drivebus.service.live.publisher import LivePublisher
 from drivebus.service.process.permissions import check_plant_files
 from drivebus.service.runtime.bus import BusRuntime
 from drivebus.service.runtime.configuration_check import ConfigurationCheck, address_notes, difference_json
+from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
 from drivebus.values import Text
@@ -69,10 +70,13 @@ class ConfigReload:
         """Read the file again and apply the differences.
 
         Raises ConfigurationError with every fault, or where others can write the file or a profile, and ServiceError
-        where a drive that may be running would be removed from its bus. Then nothing has changed.
+        where a drive that may be running would be removed from its bus or the service is ending. Then nothing has
+        changed.
         """
         async with self._lock:
             new = await self._in_thread(lambda: _load_trusted(self.plant.config.source))
+            if self.plant.state != "running":
+                raise ServiceUnavailable("plant.stopping")
             change = config_diff(self.plant.config, new)
             self._refuse_if_running(change)
             notes = address_notes(self.plant.config, new, self._unstarted_gateways())
@@ -106,14 +110,12 @@ class ConfigReload:
 
     async def _apply(self, change: ConfigDiff, new: PlantConfig) -> None:
         plant = self.plant
-        inhibited = {id for id, runtime in plant.drives.items() if runtime.bus.start_inhibited(runtime.config.address)}
+        inhibited = self._inhibited_motors()
         self._end_control(change)
         closing = self._remove_drives(change)
         plant.config = replace(new, **{name: getattr(plant.config, name) for name in RESTART_ONLY})
         self._add_new(new)
-        for id in inhibited & set(_leaving_drives(change)) & plant.drives.keys():
-            runtime = plant.drives[id]
-            runtime.bus.inhibit_start([runtime.config.address])
+        self._inhibit_starts(inhibited)
         self._update_drives(change)
         plant.buses = {bus.id: plant.buses[bus.id] for bus in new.buses}
         plant.drives = {drive.id: plant.drives[drive.id] for drive in new.drives}
@@ -124,11 +126,30 @@ class ConfigReload:
         self._clear_alarms(change)
         plant.historian.set_labels(signal_labels(plant.config))
         self._discard_removed(change)
-        await asyncio.gather(*(bus_runtime.close() for bus_runtime in closing))
-        for id in (*change.buses.added, *change.reopened):
-            plant.buses[id].start()
         plant.report_lost_limits()
         plant.notify_reload()
+        try:
+            await asyncio.gather(*(bus_runtime.close() for bus_runtime in closing))
+        finally:  # without an open bus its drives could not be stopped
+            for id in (*change.buses.added, *change.reopened):
+                plant.buses[id].start()
+
+    def _inhibited_motors(self) -> set[tuple[str, str | int]]:
+        """Return every name and place of the motors whose start is inhibited."""
+        drives = self.plant.drives.values()
+        inhibited = [runtime for runtime in drives if runtime.bus.start_inhibited(runtime.config.address)]
+        return {key for runtime in inhibited for key in self._names_and_places(runtime)}
+
+    def _inhibit_starts(self, inhibited: set[tuple[str, str | int]]) -> None:
+        """Inhibit what was inhibited before under this name, or in this place under another name."""
+        for runtime in self.plant.drives.values():
+            if inhibited.intersection(self._names_and_places(runtime)):
+                runtime.bus.inhibit_start([runtime.config.address])
+
+    def _names_and_places(self, runtime: DriveRuntime) -> list[tuple[str, str | int]]:
+        """Return what a motor is known by: its drive's id, and its address with id and port of its bus."""
+        bus, address = self.plant.bus_of(runtime).config, runtime.config.address
+        return [("drive", runtime.id), (f"bus {bus.id}", address), (f"port {bus.port}", address)]
 
     def _end_control(self, change: ConfigDiff) -> None:
         """End control and arm tokens of the drives and groups that are replaced: they were for the motors of before."""
