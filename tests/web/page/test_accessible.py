@@ -242,6 +242,9 @@ def test_what_is_chosen_is_seen_with_the_colours_of_the_system(stage: Stage, vis
         ("[role=tab][aria-selected=true]", "[role=tab][aria-selected=false] >> nth=0"),
     ):
         assert page.locator(marked).evaluate(edge) != page.locator(rest).evaluate(edge)
+    page.evaluate("location.hash = '#/buses/fans'")
+    load = page.locator(".buscard[aria-current] .meter .bar")
+    assert load.locator("span").evaluate(background) != load.evaluate(background)
 
 
 LINES_OVER_EACH_OTHER = """(some) => some.filter((one) => {
