@@ -93,3 +93,18 @@ def test_a_key_of_an_input_method_sets_no_frequency_and_closes_no_window(stage: 
     expect(reason).to_have_value("台架")
     reason.press("Escape")
     page.locator("dialog").wait_for(state="detached")
+
+
+def test_escape_closes_an_open_menu_and_leaves_the_focus_at_its_button(visit: Any) -> None:
+    """At 200 % zoom the menu of the pages stayed open, and after that of the group stops the focus was lost."""
+    page = visit("#/fleet", size=(640, 450))
+    page.locator(".head .menu").press("Enter")
+    page.locator("nav a").nth(1).focus()
+    page.keyboard.press("Escape")
+    page.locator("nav").wait_for(state="hidden")
+    assert page.evaluate("document.activeElement.className") == "menu"
+    page.locator("[data-stop=groups]").press("Enter")
+    page.locator(".stopmenu .stop").first.focus()
+    page.keyboard.press("Escape")
+    page.locator(".stopmenu").wait_for(state="detached")
+    assert page.evaluate(FOCUSED_STOP) == "groups"

@@ -53,8 +53,14 @@ function ConnectionMark() {
 
 function PageHeader() {
   const plant = topic("plant").value;
-  return html`<header class="head"><a class="plant" href=${href("fleet")}>${plant ? titleOf(plant) : "drivebus"}</a>
-    <button type="button" class="menu" aria-expanded=${isMenuOpen.value ? "true" : "false"} aria-label=${t("page.menu")}
+  const menu = useRef(null);
+  const close = (event) => {
+    if (event.key !== "Escape" || !isMenuOpen.value) return;
+    isMenuOpen.value = false;
+    menu.current.focus(); // what had the focus is hidden now
+  };
+  return html`<header class="head" onKeyDown=${close}><a class="plant" href=${href("fleet")}>${plant ? titleOf(plant) : "drivebus"}</a>
+    <button type="button" class="menu" ref=${menu} aria-expanded=${isMenuOpen.value ? "true" : "false"} aria-label=${t("page.menu")}
       onClick=${() => { isMenuOpen.value = !isMenuOpen.value; }}><${Icon} name=${isMenuOpen.value ? "close" : "menu"} size=${24} />
         </button>
     <div class=${`navigation ${isMenuOpen.value ? "open" : ""}`}><nav aria-label=${t("page.navigation")}>

@@ -53,12 +53,17 @@ function scope() {
 }
 
 function GroupMenu({ groups }) {
+  const menu = useRef(null);
   useEffect(() => {
-    const close = (event) => { if (event.key === "Escape") isMenuOpen.value = false; };
+    const close = (event) => {
+      if (event.key !== "Escape") return;
+      if (menu.current?.contains(document.activeElement)) document.querySelector("[data-stop=groups]")?.focus();
+      isMenuOpen.value = false;
+    };
     addEventListener("keydown", close);
     return () => { removeEventListener("keydown", close); isMenuOpen.value = false; };
   }, []);
-  return html`<div class="stopmenu" role="group" aria-label=${t("page.stop_choose_group")}>${groups.map((id) => html`
+  return html`<div class="stopmenu" ref=${menu} role="group" aria-label=${t("page.stop_choose_group")}>${groups.map((id) => html`
     <${StopButton} key=${id} kind="group" id=${id}>${groupTitle(id)}<//>`)}</div>`;
 }
 
