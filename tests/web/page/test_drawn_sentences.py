@@ -145,7 +145,7 @@ def test_a_group_offers_the_frequencies_that_the_service_accepts_for_it(draw: Dr
 
 
 def test_a_capped_drive_offers_no_frequency_above_its_cap_and_says_why(draw: Draw, fan: Any) -> None:
-    """It offered 50 Hz, and only the refusal told of the cap. Where the limits are lower, the cap is no matter."""
+    """The field names the cap before a command is rejected for it; where the limits are lower, it names them."""
     props = {"label": "", "value": "", "onChange": None}
     for maximum_hz, key, highest_hz in ((50.0, "page.hz_capped", 0.5), (0.4, "page.hz_limits", 0.4)):
         limits = {"minimum_hz": 0.1, "maximum_hz": maximum_hz, "setpoint_cap_hz": 0.5}

@@ -41,7 +41,7 @@ def test_two_keys_stop_a_drive_from_an_open_window_and_the_drive_of_a_tile(stage
 
 
 def test_no_key_leads_from_an_open_window_to_what_it_covers(visit: Any) -> None:
-    """Tab went on to the buttons behind the window, which nobody could see: starts among them."""
+    """The buttons behind the window are not visible, and some of them start a drive."""
     page = visit("#/drive/fan-1")
     page.get_by_role("button", name=i18n.text("page.limits_change", "en")).press("Enter")
     page.locator("dialog").wait_for()

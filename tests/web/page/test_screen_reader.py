@@ -1,4 +1,4 @@
-"""What a screen reader announces by itself."""
+"""Announcements of a screen reader without an action of the user."""
 
 from __future__ import annotations
 
