@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 from pathlib import Path
 from typing import Any
@@ -138,3 +139,41 @@ def test_alarms_go_on_while_the_disk_is_full_and_are_written_later(
 
     asyncio.run(go())
     assert len(AlarmLog(tmp_path / "alarms.jsonl").load()) == 3
+
+
+WRONG_FIELDS: list[dict[str, Any]] = [
+    {"raised_ms": "noon"},
+    {"raised_ms": 1e300},
+    {"cleared_ms": "noon"},
+    {"shelved_until_ms": "soon"},
+    {"value": [1]},
+    {"drive": 5},
+    {"subject": None},
+    {"incident": 7},
+    {"text": {"en": 5, "zh": None}},
+]
+
+
+@pytest.mark.parametrize("wrong", WRONG_FIELDS, ids=str)
+def test_an_alarm_with_a_field_of_another_type_is_damage_and_no_end_of_the_service(
+    tmp_path: Path, wrong: dict[str, Any]
+) -> None:
+    """With a text as the end of a shelving the service did not start: no poll, and no stop."""
+    path = tmp_path / "alarms.jsonl"
+    write_log(path, 1)
+    lines = path.read_text().splitlines()
+    path.write_text("".join(f"{line}\n" for line in [*lines, json.dumps(json.loads(lines[0]) | {"id": "a7"} | wrong)]))
+    log = AlarmLog(path)
+    found = log.load()
+    assert [alarm.id for alarm in found] == ["a1"] and log.damaged_copy is not None
+    AlarmEngine([], [FAN], log.put, found).active()
+
+
+def test_an_alarm_whose_end_is_missing_in_the_log_is_cleared_where_a_later_one_is_raised(tmp_path: Path) -> None:
+    """It was shown as active for ever: only the newest alarm of a key is cleared by its condition."""
+    path = tmp_path / "alarms.jsonl"
+    write_log(path, 1)
+    first = json.loads(path.read_text().splitlines()[0])
+    path.write_text("".join(json.dumps(first | {"id": id, "cleared_ms": None}) + "\n" for id in ("a1", "a2")))
+    engine = AlarmEngine([], [FAN], lambda alarm: None, AlarmLog(path).load(), now_ms=9)
+    assert {alarm.id: alarm.cleared_ms for alarm in engine.active()} == {"a1": 9, "a2": None}

@@ -155,10 +155,14 @@ class AlarmEngine:
         return [change for key in found for change in self._clear(key, now_ms)]
 
     def _restore(self, alarm: Alarm, now: float, now_ms: int) -> None:
-        """Restore an alarm of an earlier run. System alarms are cleared: the service raises again what still holds."""
+        """Restore an alarm of an earlier run. System alarms are cleared: the service raises again what still holds.
+
+        So is an older one of the same key, whose end is missing in a damaged log: nothing else would ever clear it.
+        """
         self._shelves.restore(alarm, now, now_ms)
         self._alarms[alarm.id] = alarm
         if alarm.cleared_ms is None:
+            self._clear(alarm.key, now_ms)
             self._uncleared[alarm.key] = alarm.id
             if alarm.kind in SYSTEM_ALARM_KINDS:
                 self._clear(alarm.key, now_ms)

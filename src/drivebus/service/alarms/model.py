@@ -130,13 +130,31 @@ class Alarm:
     def from_json(cls, found: dict[str, Any]) -> Alarm:
         """Return the alarm of a log line. Raises KeyError, TypeError, ValueError for anything else."""
         texts: dict[str, Json] = {name: found[name] for name in ("title", "text", "remedy") if name in found}
-        return cls(
+        alarm = cls(
             **{
                 **found,
                 "priority": AlarmPriority(found["priority"]),
                 **{name: Text(text["en"], text["zh"]) for name, text in texts.items()},
             }
         )
+        alarm._check_types()
+        return alarm
+
+    def _check_types(self) -> None:
+        """Raise TypeError for a field of another type: the service would fail with it at its start."""
+        words = (self.id, self.setting, self.drive, self.kind, self.subject)
+        optional_words = (self.acknowledged_by, self.shelved_by, self.shelved_reason, self.incident)
+        texts = [text for one in (self.title, self.text, self.remedy) for text in (one.en, one.zh)]
+        times = (self.cleared_ms, self.acknowledged_ms, self.shelved_until_ms)
+        are_typed = (
+            all(type(one) is str for one in (*words, *texts))
+            and all(one is None or type(one) is str for one in optional_words)
+            and type(self.raised_ms) is int
+            and all(one is None or type(one) is int for one in times)
+            and (self.value is None or type(self.value) in (int, float, str))
+        )
+        if not are_typed:
+            raise TypeError("a field of an alarm has another type")
 
 
 @dataclass(frozen=True, slots=True)
