@@ -54,7 +54,7 @@ def test_the_exit_code_after_ctrl_c_is_that_of_a_stop_that_is_not_confirmed(
         os.kill(os.getpid(), signal.SIGINT)
         await asyncio.sleep(60)
 
-    async def stop() -> Outcome:
+    async def stop(wait: bool) -> Outcome:
         return Outcome(status=status, key="drives.stop_answered")
 
     drive = SimpleNamespace(profile=SimpleNamespace(capabilities=()), hold_ramp=hold_ramp, stop=stop)

@@ -21,6 +21,7 @@ from drivebus.cli.stop_errors import stop_errors, stop_to_the_end
 from drivebus.errors import ConfigurationError, InvalidParameters, NotFound
 
 if TYPE_CHECKING:
+    from drivebus.bus import Bus
     from drivebus.drives import Drive, DriveLimits
     from drivebus.drives.outcome import Outcome
 
@@ -241,6 +242,20 @@ async def print_comm_loss(drive: Drive) -> None:
         {"event": "comm_loss", "stops_on_comm_loss": report.stops_on_comm_loss, "text": text}, stream=True
     )
     output.print_text(output.wrap_for(text, sys.stdout))
+
+
+async def stop_and_print(bus: Bus, drive: Drive, code: ExitCode) -> ExitCode:
+    """Stop at the end of an attached command; an unconfirmed stop decides the exit code.
+
+    Nothing is printed before the stop is sent.
+    """
+    stopping = asyncio.ensure_future(drive.stop(wait=True))
+    await asyncio.sleep(0)
+    with output.continue_without_output():
+        output.end_live_line()
+        output.print_message("run.stopping")
+        stopped = print_outcome(await stopping, bus.now(), event="stopped", stream=True)
+    return code if stopped is ExitCode.DONE else stopped
 
 
 def must_stop_after(error: BaseException) -> bool:

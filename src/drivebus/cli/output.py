@@ -122,6 +122,12 @@ def print_text(ready: str) -> None:
         echo(ready)
 
 
+def end_live_line() -> None:
+    """End the line that an attached command draws again and again on a terminal."""
+    if sys.stdout.isatty():
+        print_text("")
+
+
 def print_json(value: Any, *, stream: bool = False) -> None:
     """Print a JSON document with ``--json``; ``stream`` puts it on one line."""
     if as_json():

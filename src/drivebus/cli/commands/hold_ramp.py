@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import TYPE_CHECKING
 
 from drivebus.cli import connect, options, output
 from drivebus.cli.click_ext import Argument
 from drivebus.cli.connect import Target
-from drivebus.cli.drive_command import drive_command, print_outcome
+from drivebus.cli.drive_command import drive_command, print_outcome, stop_and_print
 from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -25,11 +24,7 @@ async def _hold(target: Target, seconds: float) -> ExitCode:
                 output.print_message("hold_ramp.how", seconds=seconds)
             outcome = await shutdown.interruptible(drive.hold_ramp(seconds))
             if outcome is None:
-                stopping = asyncio.ensure_future(drive.stop())
-                await asyncio.sleep(0)  # nothing is printed before the stop is sent
-                output.print_message("run.stopping")
-                stopped = print_outcome(await stopping, bus.now())
-                return ExitCode.INTERRUPTED if stopped is ExitCode.DONE else stopped
+                return await stop_and_print(bus, drive, ExitCode.INTERRUPTED)
             return print_outcome(outcome, bus.now())
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import sys
 from typing import TYPE_CHECKING, Any, TypeGuard
 
@@ -11,7 +10,13 @@ import click
 from drivebus.cli import connect, options, output
 from drivebus.cli.click_ext import Option
 from drivebus.cli.connect import Target
-from drivebus.cli.drive_command import drive_command, must_stop_after, print_comm_loss, print_outcome
+from drivebus.cli.drive_command import (
+    drive_command,
+    must_stop_after,
+    print_comm_loss,
+    print_outcome,
+    stop_and_print,
+)
 from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -52,7 +57,7 @@ async def _run(target: Target, frequency: float, reverse: bool, wait: bool, deta
                 raise
             if code is None:
                 return ExitCode.DONE
-            return await _stop(bus, drive, ExitCode.INTERRUPTED if shutdown.received else code)
+            return await stop_and_print(bus, drive, ExitCode.INTERRUPTED if shutdown.received else code)
 
 
 async def _attached(
@@ -85,7 +90,7 @@ async def _attached(
     try:
         return await _watch(bus, drive, shutdown, watch)
     except DrivebusError as error:
-        _end_line()
+        output.end_live_line()
         if isinstance(error, ControlNotHeld):
             raise
         return report_error(error)
@@ -117,12 +122,12 @@ async def _start(
         if not must_stop_after(error):
             raise
         if wait:
-            _end_line()
+            output.end_live_line()
         return report_error(error)
     if outcome is None:
         return ExitCode.INTERRUPTED
     if wait:
-        _end_line()
+        output.end_live_line()
     code = print_outcome(outcome, bus.now(), event="started", stream=True)
     if code is ExitCode.DONE and not detach:
         output.print_message("run.attached")
@@ -163,7 +168,7 @@ async def _watch(bus: Bus, drive: Drive, shutdown: ShutdownSignal, watch: RunWat
             _print_remark(remark)
         off = off + 1 if status.state.output_off else 0
         if status.fault is not None or off >= OUTPUT_OFF_COUNT:
-            _end_line()
+            output.end_live_line()
             if status.fault is not None:
                 output.print_message("run.fault", fault=fault_text(status.fault))
             elif last_stop := _last_stop(drive):
@@ -199,14 +204,8 @@ def _print_remark(remark: Remark) -> None:
     """Print a remark on a line of its own."""
     text = output.text(remark.key, **remark.params)
     output.print_json({"event": "remark", "key": remark.key, "text": text}, stream=True)
-    _end_line()
+    output.end_live_line()
     output.print_text(output.wrap_for(text, sys.stdout))
-
-
-def _end_line() -> None:
-    """End the line that ``_redraw`` draws again and again on a terminal."""
-    if sys.stdout.isatty():
-        output.print_text("")
 
 
 def _redraw(text: str) -> None:
@@ -218,18 +217,6 @@ def _redraw(text: str) -> None:
         click.echo(f"\r\x1b[K{line}", nl=False)
     else:
         click.echo(text)
-
-
-async def _stop(bus: Bus, drive: Drive, code: ExitCode) -> ExitCode:
-    """Stop and confirm; an unconfirmed stop decides the exit code. Nothing is printed before the stop is sent."""
-    stopping = asyncio.ensure_future(drive.stop(wait=True))
-    await asyncio.sleep(0)
-    with output.continue_without_output():
-        _end_line()
-        output.print_message("run.stopping")
-        outcome = await stopping
-        stopped = print_outcome(outcome, bus.now(), event="stopped", stream=True)
-    return code if stopped is ExitCode.DONE else stopped
 
 
 def _plan(dry: DryRun, frequency: float, reverse: bool, wait: bool, detach: bool) -> ExitCode:
