@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import sys
 from collections import Counter
+from pathlib import Path
 
-from drivebus import profiles
+import pytest
+
+from drivebus import i18n, profiles
 from drivebus.cli.demo import host
 from drivebus.cli.demo.history import (
     HISTORY_HOURS,
@@ -20,6 +26,7 @@ from drivebus.service.config.model import DriveConfig
 from drivebus.service.live.views import Sample
 from drivebus.service.runtime.run_statistics import RunStatistics
 from drivebus.values import Quality, Text
+from fixtures.child_process import ENVIRONMENT, PtyTerminal
 
 START_MS = 1_700_000_000_000
 STEPS = int(HISTORY_HOURS * 3600.0 / SAMPLE_INTERVAL_S)
@@ -123,3 +130,16 @@ def test_a_drive_without_readable_power_has_no_energy_and_one_with_it_has() -> N
         for _, profile, history, samples in [shift(bus, 0)]
     }
     assert (energies["vc660"] or 0.0) > 0.1 and energies["c320"] is None
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals and ptys of POSIX")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_demo_that_is_ended_while_it_writes_its_history_removes_its_directory(
+    number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(ENVIRONMENT, "TMPDIR", str(tmp_path))
+    with PtyTerminal("demo", "--port", "8119") as terminal:
+        terminal.wait_for(i18n.text("demo.preparing", "en")[:20])
+        os.kill(terminal.pid, number)
+        assert terminal.exit_code() == 130
+    assert list(tmp_path.iterdir()) == []

@@ -60,6 +60,7 @@ from drivebus.service.process.logging_setup import configure_logging
 from drivebus.service.process.main import run_service
 from drivebus.service.runtime.run_statistics import DOCUMENT_KIND
 from drivebus.service.storage.settings import SETTINGS_FILE
+from drivebus.terminal import discard_terminal_output
 from drivebus.types import Json
 from drivebus.values import Text
 
@@ -77,8 +78,17 @@ HISTORY_SEED = 1
 def run_demo(port: int) -> ExitCode:
     """Run the demo with its page until Ctrl-C."""
     configure_logging("text")
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _interrupt)  # until the service handles them
     with _directory() as directory:
         return asyncio.run(_run_with_page(directory, port))
+
+
+def _interrupt(number: int, _: object) -> None:
+    """End the preparation as Ctrl-C does, so that the temporary directory is removed."""
+    if number == signal.SIGHUP:
+        discard_terminal_output()
+    signal.raise_signal(signal.SIGINT)
 
 
 @contextmanager
