@@ -442,6 +442,14 @@ def test_a_service_that_cannot_be_reached_is_an_error_before_anything_is_sent(
     )
 
 
+def test_a_socket_in_the_current_directory_needs_no_suffix(
+    plant: RunningService, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("pumps").symlink_to(plant.socket)
+    assert run_command("pumps", "status", *FAN)["model"] == "c320"
+
+
 class MisbehavingHandler(BaseHTTPRequestHandler):
     """Server that responds to GET as a service does, and to POST with ``respond``."""
 

@@ -174,6 +174,22 @@ def test_jog_names_what_the_drive_does_on_a_communication_loss_before_the_first_
         assert terminal.exit_code() == 0
 
 
+@pytest.mark.parametrize(
+    ("model", "words", "key"),
+    [
+        ("dzb100", (), "drives.jog_needs_frequency"),
+        ("vc660", ("--frequency", "5"), "drives.jog_frequency_keypad"),
+        ("dc1", (), "drives.cannot"),
+        ("c320", ("--frequency", "900"), "drives.above_maximum"),
+    ],
+)
+def test_jog_refuses_a_frequency_before_a_key_is_held(model: str, words: tuple[str, ...], key: str) -> None:
+    with PtyTerminal("jog", f"sim://{model}@1", "--model", model, "--address", "1", *words, "--json") as terminal:
+        terminal.wait_for(key)
+        assert terminal.exit_code() != 0
+    assert '"comm_loss"' not in terminal.output, "no question to the drive comes before it"
+
+
 def test_jog_stops_when_the_terminal_is_closed(plant: Plant) -> None:
     with PtyTerminal("jog", plant.url, *DRIVE) as terminal:
         terminal.wait_for("Hold the space bar")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from drivebus import profiles
@@ -188,6 +190,14 @@ def test_a_parameter_whose_index_is_unknown_names_what_to_supply() -> None:
     assert caught.value.key == "profiles.unplaced"
     assert "[group_sizes]" in str(caught.value)
     assert isinstance(notation.find_entry(profiles.load("vc660"), "F00.02"), Parameter)
+
+
+@pytest.mark.parametrize("sizes", [{}, {"F00": 30}])
+def test_a_group_behind_the_last_of_the_model_is_answered_with_its_groups(sizes: dict[str, int]) -> None:
+    """The size of 99 groups was asked for, of a model that has seven."""
+    with pytest.raises(ProfileError) as caught:
+        notation.find_entry(replace(profiles.load("vc660"), group_sizes=sizes), "F99.01")
+    assert (caught.value.key, caught.value.params["groups"]) == ("profiles.no_group", ("F00", "F01", "F04", "F06"))
 
 
 def test_an_unknown_name_is_answered_with_the_nearest() -> None:

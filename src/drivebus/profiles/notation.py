@@ -75,7 +75,7 @@ def find_entry(profile: DriveProfile, name: str) -> Signal | Parameter:
 
     A well-formed notation that the profile does not list gives a Parameter with ``listed`` False, which is only read;
     ``writable`` False marks a bare register. Raises ProfileError: ``profiles.unknown_name``, with similar names
-    ``profiles.unknown_name_near``, ``profiles.unplaced`` or ``profiles.beyond_group``.
+    ``profiles.unknown_name_near``, ``profiles.no_group``, ``profiles.unplaced`` or ``profiles.beyond_group``.
     """
     signal = profile.signals.get(name.strip().lower())
     if signal is not None:
@@ -87,7 +87,7 @@ def find_entry(profile: DriveProfile, name: str) -> Signal | Parameter:
         if placed is not None:
             return placed
         if error.key != "profiles.notation":
-            raise
+            raise (_no_group_error(profile, name) or error) from None
         raise _unknown_name_error(profile, name) from None
     listed = _find_listed(profile, locator) or _find_by_notation(profile, name)
     return listed or _unlisted_parameter(profile, name, locator)
@@ -137,6 +137,18 @@ def _unknown_name_error(profile: DriveProfile, name: str) -> ProfileError:
     return ProfileError(
         "profiles.unknown_name_near", name=name, model=profile.model, examples=examples, near=tuple(near)
     )
+
+
+def _no_group_error(profile: DriveProfile, name: str) -> ProfileError | None:
+    """Return the error of a notation behind the last group that the profile lists; None for any other."""
+    listed = map(
+        _group_and_item, [*profile.parameters, *profile.unplaced, *(f"{group}.0" for group in profile.group_sizes)]
+    )
+    groups, found = sorted({one[0] for one in listed if one}), _group_and_item(name)
+    if found is None or not groups or found[0] <= groups[-1]:
+        return None
+    names = tuple(f"F{group:02d}" for group in groups)
+    return ProfileError("profiles.no_group", notation=name, model=profile.model, group=f"F{found[0]:02d}", groups=names)
 
 
 def _unlisted_parameter(profile: DriveProfile, name: str, locator: Locator) -> Parameter:

@@ -38,8 +38,11 @@ async def _jog(target: Target, frequency: float | None) -> ExitCode:
 
     if not sys.stdin.isatty():
         raise ConfigurationError("jog.no_terminal")
+    _check_frequency_source(target, frequency)
     with shutdown_signals(may_suspend=False) as shutdown:
         async with connect.open_drive(target) as (bus, drive):
+            if frequency is not None and target.service is None:  # the service checks it with the limits of its plant
+                drive.check_frequency(frequency)
             await print_comm_loss(drive)
             with raw_keyboard() as keys:
                 output.print_message("jog.how")
@@ -48,6 +51,17 @@ async def _jog(target: Target, frequency: float | None) -> ExitCode:
                 except OSError:  # the terminal or the pipe is gone, and the drive is stopped
                     return ExitCode.INTERRUPTED
     return ExitCode.INTERRUPTED if shutdown.received else ExitCode.DONE
+
+
+def _check_frequency_source(target: Target, frequency_hz: float | None) -> None:
+    """Raise CapabilityError where the model takes the frequency of a jog from elsewhere, or can't jog."""
+    from drivebus.drives.dialects.create import create_dialect
+    from drivebus.drives.state import Direction
+    from drivebus.errors import CapabilityError
+
+    if target.profile.jog_frequency is None:
+        raise CapabilityError("drives.cannot", model=target.model, what="jog")
+    create_dialect(target.profile, target.address).jog(Direction.FORWARD, None if frequency_hz is None else 0)
 
 
 async def _until_quit(

@@ -48,7 +48,7 @@ def _create_client(service: str) -> RemoteClient:
 
         return HttpClient(service, os.environ.get(TOKEN_VARIABLE))
     path = Path(service)
-    may_be_socket = len(path.parts) > 1 or path.suffix == ".sock" or path.is_dir()
+    may_be_socket = len(path.parts) > 1 or path.suffix == ".sock" or path.is_dir() or path.is_socket()
     if not may_be_socket or path.suffix == ".toml":  # HOST:PORT, or a plant's file
         raise ConfigurationError("service.address", found=service)
     return LocalClient(path)

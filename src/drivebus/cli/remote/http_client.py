@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 CONNECT_TIMEOUT_S = 5.0
 RESPONSE_TIMEOUT_S = 60.0  # a stop is repeated until the drive reports it; a group starts one drive after another
 MAX_RESPONSE_BYTES = 64 * 1024 * 1024
+NO_TLS_REASONS = ("WRONG_VERSION_NUMBER", "RECORD_LAYER_FAILURE")  # of OpenSSL for a server that answers in plain HTTP
 
 
 class HttpClient:
@@ -84,6 +85,10 @@ class HttpClient:
         try:
             connection.connect()
         except OSError as error:
+            if isinstance(error, ssl.SSLError) and error.reason in NO_TLS_REASONS:
+                key = "service.no_tls_local" if is_loopback(self._host) else "service.no_tls"
+                without_tls = "http" + self._address[len("https") :]
+                raise ServiceUnavailable(key, address=self._address, http=without_tls) from error
             raise ServiceUnavailable("service.not_there", address=self._address, reason=SystemReason(error)) from error
         connection.sock.settimeout(RESPONSE_TIMEOUT_S)
         return connection
