@@ -275,6 +275,14 @@ def test_a_lost_output_is_an_error_elsewhere(monkeypatch: pytest.MonkeyPatch) ->
         output.print_text("shown")
 
 
+def test_ctrl_z_does_not_suspend_a_stop() -> None:
+    """The motor ran on until ``fg``, with the port held."""
+    found = signal.getsignal(signal.SIGTSTP)
+    with stop_to_the_end(dry_run=False):
+        assert signal.getsignal(signal.SIGTSTP) is signal.SIG_IGN
+    assert signal.getsignal(signal.SIGTSTP) is found is signal.SIG_DFL
+
+
 def test_a_closed_terminal_does_not_end_a_stop(monkeypatch: pytest.MonkeyPatch) -> None:
     """A connection that was cut in the middle of ``stop --all`` left the other drives running."""
 

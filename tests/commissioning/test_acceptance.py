@@ -15,7 +15,17 @@ from drivebus.cli import output
 from drivebus.cli.commands import acceptance as acceptance_command
 from drivebus.cli.connect import Target
 from drivebus.cli.signals import ShutdownSignal
-from drivebus.commissioning.acceptance import ACCEPTANCE_STEPS, StepFinding, StepRequirement, StepResult, run_step
+from drivebus.commissioning.acceptance import (
+    ACCEPTANCE_STEPS,
+    AcceptanceInterrupted,
+    StepFinding,
+    StepRequirement,
+    StepResult,
+    run_step,
+)
+from drivebus.drives import Drive
+from drivebus.drives.outcome import Outcome, OutcomeStatus
+from drivebus.errors import StopUnconfirmed
 from drivebus.ports import locks, open_port
 from drivebus.simulator.bus import SimulatedBus
 from drivebus.simulator.motor import Trip
@@ -213,6 +223,53 @@ def test_the_drive_left_alone_is_stopped_afterwards(bench: SimulatedBus) -> None
     assert found.figures["stop"] == "confirmed"
     assert found.figures["alone_s"] > 3.0
     assert (found.verdict, found.reason) == (StepResult.SKIPPED, "acceptance.not.comm_loss")  # VC660 reports no action
+
+
+def leaving_person(question: str) -> type[AgreeingPerson]:
+    """Return a person who agrees to everything and presses Ctrl-C at a question."""
+
+    class LeavingPerson(AgreeingPerson):
+        async def ask(self, key: str, /, **params: Any) -> str:
+            if key == question:
+                self._shutdown.request("SIGINT")
+                await self.race(asyncio.sleep(60.0))
+            return await super().ask(key, **params)
+
+    return LeavingPerson
+
+
+@pytest.mark.parametrize(
+    ("name", "question"), [("run_and_stop", "acceptance.ask.turns"), ("comm_loss", "acceptance.ask.still_turns")]
+)
+def test_ctrl_c_at_a_question_stops_the_motor_and_says_how(bench: SimulatedBus, name: str, question: str) -> None:
+    """In the step of the communication loss it left the motor running: the drive had been left alone on purpose."""
+
+    async def scenario() -> None:
+        target = Target(port=ACCEPTANCE_LINK, model="vc660", address=1)
+        session = leaving_person(question)(target, ShutdownSignal(), motor=True, frequency_hz=5.0)
+        with pytest.raises(AcceptanceInterrupted) as caught:
+            await run_step(name, session)
+        assert caught.value.stop is not None and caught.value.stop.status is OutcomeStatus.CONFIRMED
+        assert not bench.station(1).motor.energised
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("question", ["acceptance.ask.turns", "nothing"])
+def test_an_acceptance_whose_stop_is_not_confirmed_ends_with_4_and_says_so(
+    bench: SimulatedBus, question: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    """After Ctrl-C it said "interrupted" and nothing of the stop."""
+
+    async def stop(drive: Drive) -> Outcome:
+        raise StopUnconfirmed("drives.stop_no_reply", address=1)
+
+    monkeypatch.setattr(Drive, "stop", stop)
+    monkeypatch.setattr(acceptance_command, "TerminalAcceptance", leaving_person(question))
+    monkeypatch.setattr(acceptance_command, "ACCEPTANCE_STEPS", ("run_and_stop", "port"))
+    target = Target(port=ACCEPTANCE_LINK, model="vc660", address=1)
+    assert run(acceptance_command._run(target, motor=True, frequency_hz=5.0, folder=tmp_path)) == 4
+    assert "STOP NOT CONFIRMED" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("bench", [C320_LINK], indirect=True)

@@ -29,7 +29,7 @@ def stop_errors(name: str | None) -> Iterator[None]:
 
 @contextmanager
 def stop_to_the_end(*, dry_run: bool) -> Iterator[None]:
-    """Send and confirm a stop although the terminal is closed or the output can't be written.
+    """Send and confirm a stop although the terminal is closed, Ctrl-Z is pressed or the output can't be written.
 
     Raises StopUnconfirmed where Ctrl-C ends it: it is not known whether it was sent. A dry run sends none.
     """
@@ -37,21 +37,22 @@ def stop_to_the_end(*, dry_run: bool) -> Iterator[None]:
         yield
         return
     try:
-        with output.continue_without_output(), _ignore_closed_terminal():
+        with output.continue_without_output(), _ignore_hangup_and_suspension():
             yield
     except KeyboardInterrupt:
         raise StopUnconfirmed("bus_stop.interrupted") from None
 
 
 @contextmanager
-def _ignore_closed_terminal() -> Iterator[None]:
-    """Ignore the signal of a closed terminal, unless it is ignored already (``nohup``)."""
-    hangup: Any = getattr(signal, "SIGHUP", None)
-    if hangup is None or signal.getsignal(hangup) is not signal.SIG_DFL:
-        yield
-        return
-    signal.signal(hangup, lambda *_: discard_terminal_output())
+def _ignore_hangup_and_suspension() -> Iterator[None]:
+    """Ignore a closed terminal, unless it is ignored already (``nohup``), and Ctrl-Z, which would suspend the stop."""
+    handlers: dict[str, Any] = {"SIGHUP": lambda *_: discard_terminal_output(), "SIGTSTP": signal.SIG_IGN}
+    numbers = {getattr(signal, name, None): handler for name, handler in handlers.items()}
+    replaced = [number for number in numbers if number is not None and signal.getsignal(number) is signal.SIG_DFL]
+    for number in replaced:
+        signal.signal(number, numbers[number])
     try:
         yield
     finally:
-        signal.signal(hangup, signal.SIG_DFL)
+        for number in replaced:
+            signal.signal(number, signal.SIG_DFL)

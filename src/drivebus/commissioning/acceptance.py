@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 from drivebus.bus import Bus, Presence
 from drivebus.bus.messages import BusRequest
 from drivebus.drives import Drive
+from drivebus.drives.outcome import Outcome
 from drivebus.errors import DrivebusError
 
 T = TypeVar("T")
@@ -48,6 +49,9 @@ COMM_LOSS_MARGIN_S = 3.0
 
 class AcceptanceInterrupted(Exception):
     """The user ended the checklist; the findings so far are kept."""
+
+    stop: Outcome | None = None
+    """Stop of the motor that the step had started."""
 
 
 class AcceptanceSession(ABC):
@@ -285,12 +289,17 @@ async def check_comm_loss(session: AcceptanceSession) -> StepOutcome:
     """Compare the drive's reaction to silence with the reaction that its parameters announce."""
     async with session.drive() as (_, drive):
         report = await session.race(drive.comm_loss_behaviour())
-        async with _stop_if_start_fails(drive):
+        async with _stop_on_error(drive):
             await session.race(drive.run(session.frequency_hz))
     value = report.time.value if report.time is not None else None
     alone_s = (float(value) if isinstance(value, int | float) else UNKNOWN_COMM_LOSS_S) + COMM_LOSS_MARGIN_S
-    await asyncio.sleep(alone_s)
-    turns = await session.confirm("acceptance.ask.still_turns", seconds=round(alone_s))
+    try:
+        await session.race(asyncio.sleep(alone_s))
+        turns = await session.confirm("acceptance.ask.still_turns", seconds=round(alone_s))
+    except BaseException as error:
+        async with session.drive() as (_, drive):
+            await _stop_after(error, drive)
+        raise
     async with session.drive() as (_, drive), _stop_afterwards(drive) as outcomes:
         outcomes |= {"announces_trip": report.stops_on_comm_loss, "alone_s": alone_s, "still_turned": turns}
     return (None if report.stops_on_comm_loss is None else report.stops_on_comm_loss is not turns), outcomes
@@ -298,25 +307,28 @@ async def check_comm_loss(session: AcceptanceSession) -> StepOutcome:
 
 @asynccontextmanager
 async def _stop_afterwards(drive: Drive) -> AsyncIterator[dict[str, Any]]:
-    """Send a stop at the end in every case, and add its outcome to the figures."""
+    """Send a stop at the end in every case, and add its outcome to the figures. Raises StopUnconfirmed."""
     outcomes: dict[str, Any] = {}
-    try:
+    async with _stop_on_error(drive):
         yield outcomes
-    finally:
-        try:
-            outcomes["stop"] = str((await drive.stop()).status)
-        except DrivebusError as error:
-            outcomes["stop"] = error.text("en")
+    outcomes["stop"] = str((await drive.stop()).status)
 
 
 @asynccontextmanager
-async def _stop_if_start_fails(drive: Drive) -> AsyncIterator[None]:
-    """Send a stop where the start fails; otherwise the drive is left running on purpose."""
+async def _stop_on_error(drive: Drive) -> AsyncIterator[None]:
+    """Send a stop where the step fails or is interrupted. Raises StopUnconfirmed."""
     try:
         yield
-    except BaseException:
-        await drive.stop()
+    except BaseException as error:
+        await _stop_after(error, drive)
         raise
+
+
+async def _stop_after(error: BaseException, drive: Drive) -> None:
+    """Stop the drive; an interruption carries the outcome."""
+    stopped = await drive.stop()
+    if isinstance(error, AcceptanceInterrupted):
+        error.stop = stopped
 
 
 AcceptanceStep = Callable[[AcceptanceSession], Awaitable[StepOutcome]]

@@ -93,6 +93,15 @@ async def wait_until_stopped(client: SocketClient, drive: str) -> dict[str, Any]
         await asyncio.sleep(0.1)
 
 
+def test_ctrl_z_does_not_suspend_a_service_and_says_why(tmp_path: Path) -> None:
+    """Its motors ran on without supervision, and no stop of the page was sent until ``fg``."""
+    with running_service(write(tmp_path), "--without", "web") as process:
+        process.send_signal(signal.SIGTSTP)
+        assert process.stderr is not None
+        assert any("Ctrl-Z does not suspend the service" in line for line in process.stderr)
+        assert command("stop", "--all", "--directory", str(tmp_path / "state")).returncode == 0
+
+
 def test_a_service_runs_once_reloads_its_file_and_stops_its_drives_at_the_end(tmp_path: Path) -> None:
     """It notifies systemd (``Type=notify``), reloads on SIGHUP, and ends in order on SIGTERM."""
     file, state = write(tmp_path), tmp_path / "state"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
+import time
 from collections.abc import AsyncIterator, Awaitable
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -16,7 +17,7 @@ from drivebus import clock
 from drivebus.cli import connect, options, output
 from drivebus.cli.click_ext import CliCommand, Option
 from drivebus.cli.connect import Target
-from drivebus.cli.drive_command import pop_target
+from drivebus.cli.drive_command import pop_target, print_outcome
 from drivebus.cli.errors import ExitCode
 from drivebus.commissioning.acceptance import (
     ACCEPTANCE_STEPS,
@@ -26,6 +27,7 @@ from drivebus.commissioning.acceptance import (
     StepResult,
     run_step,
 )
+from drivebus.errors import StopUnconfirmed
 from drivebus.service.process.module_command import module_command
 
 if TYPE_CHECKING:
@@ -106,7 +108,7 @@ async def _run(target: Target, motor: bool, frequency_hz: float, folder: Path) -
     from drivebus.cli.signals import shutdown_signals
 
     findings: list[StepFinding] = []
-    with shutdown_signals() as shutdown:
+    with shutdown_signals(may_suspend=not motor) as shutdown:
         session = TerminalAcceptance(target, shutdown, motor=motor, frequency_hz=frequency_hz)
         try:
             for name in ACCEPTANCE_STEPS:
@@ -114,10 +116,15 @@ async def _run(target: Target, motor: bool, frequency_hz: float, folder: Path) -
                 with output.continue_without_output():  # the report has it
                     output.print_json(_finding_json(findings[-1]), stream=True)
                     output.print_text(_finding_text(findings[-1]))
-        except AcceptanceInterrupted:
-            output.print_note("cli.interrupted")
+        except AcceptanceInterrupted as interruption:
+            with output.continue_without_output():
+                if interruption.stop is not None:
+                    print_outcome(interruption.stop, time.monotonic(), event="stopped", stream=True)
+                output.print_note("cli.interrupted")
         finally:
             write_report(folder, target, findings)
+    if any(isinstance(one.figures.get("error"), StopUnconfirmed) for one in findings):
+        return ExitCode.UNKNOWN
     if shutdown.received:
         return ExitCode.INTERRUPTED
     failed = any(one.verdict is StepResult.FAILED for one in findings)

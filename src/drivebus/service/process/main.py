@@ -188,6 +188,7 @@ def handle_signals(
 ) -> Iterator[ReloadCallbacks]:
     """Set ``ending`` on SIGTERM, Ctrl-C and a closed terminal; call the yielded callbacks on any other SIGHUP.
 
+    Ctrl-Z is only reported: suspended, the service would neither watch its motors nor send a stop of the page.
     ``reloads_on_hangup`` False: every SIGHUP sets it, also of a closed terminal that is not the standard input.
     """
     reloads: ReloadCallbacks = []
@@ -210,12 +211,16 @@ def handle_signals(
             tasks.add(task)
             task.add_done_callback(tasks.discard)
 
+    def on_suspend() -> None:
+        LOG.warning(i18n.preferred_text("log.not_suspended"))
+
     for number in TERMINATION_SIGNALS:
         loop.add_signal_handler(number, ending.set)
+    loop.add_signal_handler(signal.SIGTSTP, on_suspend)
     loop.add_signal_handler(signal.SIGHUP, on_hangup)
     end_without_terminal()  # it may have been closed during the start, when SIGHUP is ignored
     try:
         yield reloads
     finally:
-        for number in (*TERMINATION_SIGNALS, signal.SIGHUP):
+        for number in (*TERMINATION_SIGNALS, signal.SIGHUP, signal.SIGTSTP):
             loop.remove_signal_handler(number)
