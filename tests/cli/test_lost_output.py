@@ -275,6 +275,14 @@ def test_a_lost_output_is_an_error_elsewhere(monkeypatch: pytest.MonkeyPatch) ->
         output.print_text("shown")
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a full disk of Linux")
+def test_a_read_whose_output_is_lost_names_the_output() -> None:
+    """It named a file "-", and said to choose another path."""
+    found = run_shell(">/dev/full", *COMMAND, "models", "--lang", "en")
+    assert found.returncode == 2
+    assert found.stderr.startswith("drivebus: the output, or a file of this command, can't be written: No space left")
+
+
 def test_ctrl_z_does_not_suspend_a_stop() -> None:
     """The motor ran on until ``fg``, with the port held."""
     found = signal.getsignal(signal.SIGTSTP)

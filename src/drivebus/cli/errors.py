@@ -104,7 +104,7 @@ def report_error(error: DrivebusError) -> ExitCode:
 def from_os_error(error: OSError) -> ConfigurationError:
     """Convert an error of the operating system about a file or folder of the command line."""
     kinds = {FileNotFoundError: "cli.system_missing", IsADirectoryError: "cli.system_folder"}
-    key = kinds.get(type(error), "cli.system")
+    key = kinds.get(type(error), "cli.system" if error.filename else "cli.system_output")
     return ConfigurationError(key, file=error.filename or "-", reason=SystemReason(error))
 
 
