@@ -686,6 +686,7 @@ SLIPS = [
     ("status c320@1 --model c320 --address 1", "; try sim://c320@1", "；试试 sim://c320@1"),
     ("status tcp:10.0.0.5:4001 --model c320 --address 1", "; try tcp://10.0.0.5:4001", "；试试 tcp://10.0.0.5:4001"),
     ("serve", "`drivebus init` writes the file of a plant.", "`drivebus init` 生成工厂配置文件。"),
+    ("jog {drive} 5", "as an option: --frequency 25", "作为选项给出：--frequency 25"),
     ("stop --all --model c320 --address 1", "which bus or plant? Give a PORT", "哪条总线或哪个工厂？请给出 PORT"),
 ]
 

@@ -223,10 +223,13 @@ def usage_text(error: click.ClickException) -> str:
 
 
 def _usage_hint(error: click.ClickException) -> str | None:
-    """Return the key of the next step after a missing value or an unknown option; None without one."""
+    """Return the key of the next step after a missing value, an unknown option or a bare frequency; else None."""
     if isinstance(error, click.NoSuchOption):
         key = f"cli.no_such_option.{error.option_name.lstrip('-')}"
         return key if i18n.known(key) else None
+    extra, context = _EXTRA_ARGUMENTS.fullmatch(error.message), getattr(error, "ctx", None)
+    if extra and extra[1].isdecimal() and context and any("--frequency" in one.opts for one in context.command.params):
+        return "cli.missing.frequency"
     return _missing_hint(error) if isinstance(error, click.MissingParameter) else None
 
 
