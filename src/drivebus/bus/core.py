@@ -228,6 +228,7 @@ class BusCore:
             foreign_master=self.unsolicited.has_foreign_master(now),
             duplicate_address=station.has_duplicate_address(now),
             last_reply_at=station.last_reply_at,
+            contact_losses=station.contact_losses,
             **station.counters.error_window.rates(now)._asdict(),
         )
 
@@ -369,6 +370,7 @@ class BusCore:
             self._complete(prepared, copy_error(error))
         for station in self.stations.values():
             station.stop_epoch += 1
+            station.contact_losses += 1
             station.failure_reason = station.earlier_failure_reason = station.unusable_reply = None
             self._mark_suspect(station, now)
         self._silence_timeout.reset()
@@ -542,7 +544,7 @@ class BusCore:
         station = prepared.station
         if not prepared.is_broadcast:
             assert transaction.last_byte_at is not None
-            station.last_reply_at = transaction.last_byte_at
+            station.record_reply_time(transaction.last_byte_at)
             station.last_frame = transaction.buffer
             station.unusable_reply = None
             station.counters.record_reply(transaction.last_byte_at - transaction.tx_end_at, now)

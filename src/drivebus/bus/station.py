@@ -33,6 +33,7 @@ MAX_PROBE_INTERVAL_S = 55.0  # with the wait for its turn on the slowest bus a r
 DUPLICATE_REPLIES_REQUIRED = 2  # two drives at one address send a second reply to each read
 DUPLICATE_WINDOW_S = 600.0  # a second reply is forgotten after ten minutes
 MAX_DUPLICATE_WAIT_S = 0.25  # a quarter of the time that a frame waits for silence
+MAX_UNOBSERVED_S = 10.0  # a drive that has not answered for longer may have been switched off and set or exchanged
 PROBE_BUS_SHARE = 0.1  # share of the bus time that sync probes to all offline stations together may use
 ENCODE_CACHE_SIZE = 512  # encoded reads cached for each station: a bus repeats the same requests
 
@@ -127,6 +128,8 @@ class StationHealth:
     damage_rate: float
     """Share of damaged transactions, 0 to 1."""
     last_reply_at: float | None
+    contact_losses: int
+    """How often its port was lost, or its next reply came after more than 10 s: it may be another drive since."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,6 +164,7 @@ class Station:
         "address",
         "codec",
         "config",
+        "contact_losses",
         "counters",
         "duplicate_reply_times",
         "earlier_failure_reason",
@@ -195,6 +199,8 @@ class Station:
         self.stop_epoch = 0
         """Number of stops so far; a permit of an older epoch is void."""
         self.start_inhibited = False
+        self.contact_losses = 0
+        """Number of times after which another drive, or one with other settings, may have answered."""
         self.quarantined_until = 0.0
         self.suspect_since = float("-inf")
         """Time of the last suspicion that no sync probe of its own has refuted: a late reply may be due on the bus."""
@@ -236,6 +242,12 @@ class Station:
 
     def _change(self, event: StationEvent) -> None:
         self.state = TRANSITIONS.get((self.state, event), self.state)
+
+    def record_reply_time(self, at: float) -> None:
+        """Record the time of a trusted reply. After a long time without one the drive may have been without power."""
+        if self.last_reply_at is not None and at - self.last_reply_at > MAX_UNOBSERVED_S:
+            self.contact_losses += 1
+        self.last_reply_at = at
 
     def mark_replied(self) -> None:
         """Change the state after the first trusted reply to a data request."""

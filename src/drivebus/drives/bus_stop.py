@@ -63,7 +63,7 @@ async def _broadcast(bus: Bus, drives: Sequence[Drive]) -> tuple[FrameExchange, 
     A stop that may start another model is broadcast only where every drive of the bus has answered as its model.
     """
     requests: dict[bytes, BusRequest] = {}
-    has_unproved_model = any(drive.dialect.model_check() is not None for drive in drives)
+    has_unproved_model = not all(drive.is_model_known for drive in drives)
     for drive in drives:
         must_wait = has_unproved_model and drive.profile.needs_model_check
         if must_wait or "broadcast_stop" not in drive.profile.capabilities:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from drivebus import profiles
-from drivebus.bus import Bus
+from drivebus.bus import Bus, Presence
 from drivebus.bus.messages import BusResult
 from drivebus.clock import random_word
 from drivebus.drives.calibration import Calibration
@@ -270,6 +270,16 @@ class Drive:
         start another model, and is withheld where the reply is not one of this model.
         """
         self._context.model_assumed = True
+
+    @property
+    def is_model_known(self) -> bool:
+        """Whether no command waits for the model check, and no other drive may have come to this address since."""
+        try:
+            health = self.bus.health(self.address)
+        except KeyError:  # the drive was removed
+            return False
+        may_be_another = health.presence is Presence.OFFLINE or health.contact_losses != self._context.contact_losses
+        return self.dialect.model_check() is None and not may_be_another
 
     async def stop(self, wait: bool = True) -> Outcome:
         """Stop along the ramp. Raises StopUnconfirmed where the drive does not report it; the stop is then repeated.

@@ -34,6 +34,7 @@ from typing import Any, TypeVar
 from drivebus import clock
 from drivebus.bus import Bus
 from drivebus.bus.messages import BusRequest, BusResult
+from drivebus.bus.station import Presence
 from drivebus.drives.context import DriveContext
 from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContext
 from drivebus.drives.operations.steps import BusConditions, DriveOperation, GetBusConditions, Step, UpdateStore, Wait
@@ -148,4 +149,6 @@ def bus_conditions(bus: Bus, address: int) -> BusConditions:
         damage_rate=health.damage_rate,
         reads_wait_until=health.reads_wait_until,
         damaged=health.damaged,
+        contact_losses=health.contact_losses,
+        answers=health.presence is Presence.ONLINE and not health.suspect,
     )

@@ -158,6 +158,10 @@ class Dialect(ABC):
     def needs_sync(self, request: Any) -> bool:
         """Return whether the reply to a request looks like that to another class: it needs a sync probe before it."""
 
+    def forget_model(self) -> None:
+        """Require the model check again: another drive may answer at this address."""
+        return
+
     def model_check(self) -> Any | None:
         """Return the read that shows whether the station is of this model; None where none is needed, or no more."""
         return None

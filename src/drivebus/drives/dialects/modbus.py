@@ -206,6 +206,9 @@ class ModbusDialect(Dialect):
         """Return True for a read, whose reply names neither register nor value."""
         return isinstance(request, ReadRegisters | ReadBits)
 
+    def forget_model(self) -> None:
+        self._needs_model_check, self._is_status_shown = self.profile.needs_model_check, False
+
     def model_check(self) -> Any | None:
         """Return the read of the status before the first command: the stop of this model may start another one.
 

@@ -185,6 +185,7 @@ class OperationContext:
 
         The word that stops one model starts another one at the same register.
         """
+        yield from self.void_checks_after_contact_loss()
         while (request := self.dialect.model_check()) is not None:
             result = yield from self.read(request)
             if self.dialect.model_check() == request:
@@ -195,6 +196,18 @@ class OperationContext:
             return UnconfirmedModel(bilingual_text(result.error.key, **result.error.params), answered=False)
         rejection = None if result.reply is None else self.dialect.rejection(result.reply)
         return UnconfirmedModel(rejection.text if rejection else bilingual_text("drives.foreign_status"), answered=True)
+
+    def void_checks_after_contact_loss(self) -> DriveOperation[None]:
+        """Void the pre-flight and the model check of a station that was lost and answers again.
+
+        Without power a drive is exchanged, or set on its keypad when it comes back. Nothing is voided while it is
+        silent: a stop to a motor that may still run does not wait for a reply.
+        """
+        conditions = yield from get_bus_conditions()
+        if conditions.answers and conditions.contact_losses != self.drive.contact_losses:
+            self.drive.contact_losses = conditions.contact_losses
+            self.drive.preflight = None
+            self.dialect.forget_model()
 
     def start_clock(self) -> DriveOperation[None]:
         """Start the time limit of the checks, unless the request or an enclosing operation has started it."""

@@ -36,6 +36,7 @@ def read_preflight(op: OperationContext) -> DriveOperation[Preflight]:
     if not unmet:
         yield from _read_maximum_frequency(op)
     yield from _read_ramp_times(op)
+    yield from op.void_checks_after_contact_loss()  # the reply to the first read may have shown it
     conditions = yield from get_bus_conditions()
     found = Preflight(tuple(satisfied), tuple(unmet), tuple(unreadable), conditions.now)
     op.drive.preflight = found

@@ -25,6 +25,7 @@ def set_frequency(op: OperationContext, frequency_hz: float) -> DriveOperation[O
     error = yield from op.read_verified_state()
     if error is not None and op.dialect.start_includes_setpoint:
         raise error
+    yield from op.void_checks_after_contact_loss()
     preflight = op.drive.preflight
     if op.derived.state is DriveState.FAULT and (preflight is None or not preflight.passed):
         raise StartInhibited("drives.state_forbids", state=op.derived.state, kind=CommandKind.SETPOINT)

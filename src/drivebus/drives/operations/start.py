@@ -94,6 +94,7 @@ def check_readiness(op: OperationContext) -> DriveOperation[None]:
     state = op.derived.state
     if op.dialect.reports_run_state and not state.turning and state is not DriveState.STOPPED:
         raise state_inhibit(op.derived, CommandKind.START)
+    yield from op.void_checks_after_contact_loss()
     known = op.drive.preflight
     if (yield from ensure_preflight(op)) is not known:
         yield from op.require_state()

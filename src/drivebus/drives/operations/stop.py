@@ -137,6 +137,7 @@ def _may_stop(op: OperationContext) -> DriveOperation[bool]:
 
     A station that does not answer is sent it where a drive of this model has been made ready to start there before.
     """
+    yield from op.void_checks_after_contact_loss()
     op.stop_awaits_model = not op.drive.model_assumed and op.dialect.model_check() is not None
     unconfirmed = (yield from op.check_model()) if op.stop_awaits_model else None
     op.stop_awaits_model = False

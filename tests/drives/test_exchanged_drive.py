@@ -1,0 +1,126 @@
+"""A drive that was without power: when it answers again it may be another one, or have other settings."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+
+from drivebus.bus import Bus, Presence
+from drivebus.drives import Drive, stop_bus
+from drivebus.drives.outcome import OutcomeStatus
+from drivebus.drives.store import MemoryStore
+from drivebus.errors import DrivebusError, PreflightError, StopUnconfirmed
+from drivebus.ports import open_port
+from drivebus.testing.virtual_time import run
+
+
+@asynccontextmanager
+async def polled_drive(model: str, others: str = "") -> AsyncIterator[tuple[Drive, Any]]:
+    """Yield a drive of ``model`` at address 3 that is polled, and its port. ``others``: silent stations beside it."""
+    port: Any = open_port(f"sim://{model}@3{others}?line_quality=clean")
+    for other in port.simulated_bus.stations[1:]:
+        other.faults.silent = True
+    async with Bus(port) as bus:
+        drive = Drive(bus, model, 3, encoding="rtu" if others else None, store=MemoryStore())
+        with drive.monitor():
+            yield drive, port
+
+
+async def wait_until_offline(bus: Bus) -> None:
+    await asyncio.sleep(20)
+    assert bus.presence(3) is Presence.OFFLINE
+
+
+async def wait_until_online(bus: Bus) -> None:
+    await asyncio.sleep(60)
+    assert bus.presence(3) is Presence.ONLINE
+
+
+async def exchange(drive: Drive, port: Any, station: Any) -> None:
+    """Switch the drive off for 20 s, then let ``station`` answer at its address."""
+    port.simulated_bus.stations[0].faults.silent = True
+    await wait_until_offline(drive.bus)
+    station.faults.silent = False
+    await wait_until_online(drive.bus)
+
+
+def test_a_drive_set_at_its_keypad_while_it_was_offline_is_checked_again_before_a_start() -> None:
+    """F0.1 = 0 takes the frequency from the keypad: the motor would have run, at the speed that was set there."""
+
+    async def scenario() -> None:
+        async with polled_drive("c320") as (drive, port):
+            station = port.simulated_bus.stations[0]
+            assert (await drive.run(10.0)).status is OutcomeStatus.CONFIRMED
+            await drive.stop()
+            station.memory.ram[0x0001] = 0
+            await exchange(drive, port, station)
+            with pytest.raises(PreflightError):
+                await drive.run(10.0)
+            assert not station.motor.energised
+
+    run(scenario())
+
+
+def test_a_drive_that_was_not_read_for_long_is_checked_again_before_a_start() -> None:
+    """Without polls nothing tells that it was off: a program that was suspended, or that only sends commands."""
+
+    async def scenario() -> None:
+        port: Any = open_port("sim://c320@3?line_quality=clean")
+        async with Bus(port) as bus:
+            drive, station = Drive(bus, "c320", 3, store=MemoryStore()), port.simulated_bus.stations[0]
+            await drive.run(10.0)
+            await drive.stop()
+            await asyncio.sleep(600)
+            station.memory.ram[0x0001] = 0
+            with pytest.raises(PreflightError):
+                await drive.run(10.0)
+            assert not station.motor.energised
+
+    run(scenario())
+
+
+def test_a_stop_does_not_start_the_drive_of_another_make_that_took_the_place_of_ours() -> None:
+    """Word 5 stops a Goodrive and runs an ENC: the stop of the evening started the motor."""
+
+    async def scenario() -> None:
+        async with polled_drive("gd10", "+eds800@3") as (drive, port):
+            _, other = port.simulated_bus.stations
+            await drive.run(10.0)
+            await drive.stop()
+            await exchange(drive, port, other)
+            with pytest.raises(DrivebusError):
+                await drive.reset_fault()
+            with pytest.raises(StopUnconfirmed) as caught:
+                await drive.stop()
+            assert caught.value.outcome.key == "drives.stop_withheld"
+            assert (await stop_bus(drive.bus, [drive])).broadcasts == ()
+            assert other.command == 0 and not other.motor.energised
+
+    run(scenario())
+
+
+def test_a_lost_drive_gets_the_stop_at_once_and_no_broadcast_goes_out_until_it_answers_as_its_model() -> None:
+    """A motor may run behind a broken receiver: its stop waits for no reply."""
+
+    async def scenario() -> None:
+        async with polled_drive("gd10") as (drive, port):
+            station = port.simulated_bus.stations[0]
+            await drive.run(10.0)
+            station.faults.mute = True
+            await wait_until_offline(drive.bus)
+            stopping = asyncio.create_task(drive.stop())
+            await asyncio.sleep(0.2)
+            assert station.command == 5
+            with pytest.raises(StopUnconfirmed):
+                await stopping
+            assert (await stop_bus(drive.bus, [drive])).broadcasts == ()
+            station.faults.mute = False
+            await wait_until_online(drive.bus)
+            await drive.stop()
+            assert len((await stop_bus(drive.bus, [drive])).broadcasts) == 2
+
+    run(scenario())
