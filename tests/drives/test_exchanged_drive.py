@@ -104,7 +104,7 @@ def test_a_stop_does_not_start_the_drive_of_another_make_that_took_the_place_of_
 
 
 def test_a_lost_drive_gets_the_stop_at_once_and_no_broadcast_goes_out_until_it_answers_as_its_model() -> None:
-    """A motor may run behind a broken receiver: its stop waits for no reply."""
+    """A motor may run behind a broken receiver: its stop waits for no reply. A poll is answer enough."""
 
     async def scenario() -> None:
         async with polled_drive("gd10") as (drive, port):
@@ -120,7 +120,22 @@ def test_a_lost_drive_gets_the_stop_at_once_and_no_broadcast_goes_out_until_it_a
             assert (await stop_bus(drive.bus, [drive])).broadcasts == ()
             station.faults.mute = False
             await wait_until_online(drive.bus)
-            await drive.stop()
+            assert len((await stop_bus(drive.bus, [drive])).broadcasts) == 2
+
+    run(scenario())
+
+
+def test_after_a_pulled_adapter_is_back_a_poll_shows_the_model_again() -> None:
+    """Else a stop of all would go to one drive after another on every bus whose adapter was pulled once."""
+
+    async def scenario() -> None:
+        async with polled_drive("gd10") as (drive, port):
+            await drive.run(10.0)
+            port.simulated_bus.unplug()
+            await asyncio.sleep(1)
+            assert not drive.is_model_known
+            port.simulated_bus.replug()
+            await asyncio.sleep(5)
             assert len((await stop_bus(drive.bus, [drive])).broadcasts) == 2
 
     run(scenario())

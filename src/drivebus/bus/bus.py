@@ -180,6 +180,13 @@ class Bus:
         """Return what a station that is not online sends in place of a reply, None for silence. Raises KeyError."""
         return self.core.unusable_reply(address)
 
+    def contact_losses(self, address: int) -> int:
+        """Return how often the port was lost, or the next reply came more than 10 s after the one before.
+
+        Another drive, or one with other settings, may answer at the address since then. Raises KeyError.
+        """
+        return self.core.stations[address].contact_losses
+
     def health(self, address: int) -> StationHealth:
         """Return presence, error rates, foreign master, duplicate address. Raises KeyError: address not registered."""
         return self.core.health(address, self.now())

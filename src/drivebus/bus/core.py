@@ -228,7 +228,6 @@ class BusCore:
             foreign_master=self.unsolicited.has_foreign_master(now),
             duplicate_address=station.has_duplicate_address(now),
             last_reply_at=station.last_reply_at,
-            contact_losses=station.contact_losses,
             **station.counters.error_window.rates(now)._asdict(),
         )
 

@@ -128,8 +128,6 @@ class StationHealth:
     damage_rate: float
     """Share of damaged transactions, 0 to 1."""
     last_reply_at: float | None
-    contact_losses: int
-    """How often its port was lost, or its next reply came after more than 10 s: it may be another drive since."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -140,7 +140,7 @@ class DriveContext:
     command_count: int = 0
     model_key: str | None = None  # of the stored record of the model that last passed its pre-flight check here
     was_this_model: bool = False  # that record names this model
-    contact_losses: int = 0  # of the station, when it was last found to answer: a later one voids both checks
+    contact_losses: int = 0  # of the station, when it was last found to answer: a later one voids the pre-flight
     model_assumed: bool = False  # the user states that the station is of this model: its stops are sent unread
     on_read: Callable[[BusResult], None] = lambda _result: None  # called with every read of an operation
 

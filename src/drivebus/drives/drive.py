@@ -275,11 +275,11 @@ class Drive:
     def is_model_known(self) -> bool:
         """Whether no command waits for the model check, and no other drive may have come to this address since."""
         try:
-            health = self.bus.health(self.address)
+            is_offline = self.bus.presence(self.address) is Presence.OFFLINE
+            was_lost = self.bus.contact_losses(self.address) != self.dialect.contact_losses
         except KeyError:  # the drive was removed
             return False
-        may_be_another = health.presence is Presence.OFFLINE or health.contact_losses != self._context.contact_losses
-        return self.dialect.model_check() is None and not may_be_another
+        return self.dialect.model_check() is None and not is_offline and not was_lost
 
     async def stop(self, wait: bool = True) -> Outcome:
         """Stop along the ramp. Raises StopUnconfirmed where the drive does not report it; the stop is then repeated.

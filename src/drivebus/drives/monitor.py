@@ -97,6 +97,7 @@ class Monitor:
 
     def _apply_poll(self, result: BusResult) -> None:
         request = result.bus_request.request
+        self._dialect.follow_contact_losses(self._bus.contact_losses(self._dialect.address))
         readings = self._dialect.decode_readings(request, result.reply, result.received_at)
         limit = self._poll_validity_s.get(request, MIN_READING_VALIDITY_S)
         self._validity_s |= {name: limit for name in readings if name in self._names or name not in self._validity_s}

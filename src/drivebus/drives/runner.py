@@ -149,6 +149,6 @@ def bus_conditions(bus: Bus, address: int) -> BusConditions:
         damage_rate=health.damage_rate,
         reads_wait_until=health.reads_wait_until,
         damaged=health.damaged,
-        contact_losses=health.contact_losses,
+        contact_losses=bus.contact_losses(address),
         answers=health.presence is Presence.ONLINE and not health.suspect,
     )

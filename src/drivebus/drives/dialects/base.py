@@ -117,6 +117,8 @@ class Dialect(ABC):
 
     def __init__(self, profile: DriveProfile, address: int, options: dict[str, Any]) -> None:
         self.profile, self.address, self.options = profile, address, options
+        self.contact_losses = 0
+        """``Bus.contact_losses`` when the station was last found to answer."""
 
     def _make_station_config(
         self, timing: StationTiming, effect_of: Callable[[bytes], Effect], **more: Any
@@ -158,8 +160,14 @@ class Dialect(ABC):
     def needs_sync(self, request: Any) -> bool:
         """Return whether the reply to a request looks like that to another class: it needs a sync probe before it."""
 
-    def forget_model(self) -> None:
-        """Require the model check again: another drive may answer at this address."""
+    def follow_contact_losses(self, count: int) -> None:
+        """Require the model check again where the station was lost since the last call: another drive may answer."""
+        if count != self.contact_losses:
+            self.contact_losses = count
+            self._forget_model()
+
+    def _forget_model(self) -> None:
+        """Require the model check again, where the model has one."""
         return
 
     def model_check(self) -> Any | None:

@@ -206,7 +206,7 @@ class ModbusDialect(Dialect):
         """Return True for a read, whose reply names neither register nor value."""
         return isinstance(request, ReadRegisters | ReadBits)
 
-    def forget_model(self) -> None:
+    def _forget_model(self) -> None:
         self._needs_model_check, self._is_status_shown = self.profile.needs_model_check, False
 
     def model_check(self) -> Any | None:

@@ -204,10 +204,11 @@ class OperationContext:
         silent: a stop to a motor that may still run does not wait for a reply.
         """
         conditions = yield from get_bus_conditions()
-        if conditions.answers and conditions.contact_losses != self.drive.contact_losses:
-            self.drive.contact_losses = conditions.contact_losses
-            self.drive.preflight = None
-            self.dialect.forget_model()
+        if conditions.answers:
+            self.dialect.follow_contact_losses(conditions.contact_losses)
+            if conditions.contact_losses != self.drive.contact_losses:
+                self.drive.contact_losses = conditions.contact_losses
+                self.drive.preflight = None
 
     def start_clock(self) -> DriveOperation[None]:
         """Start the time limit of the checks, unless the request or an enclosing operation has started it."""
