@@ -139,3 +139,23 @@ def test_after_a_pulled_adapter_is_back_a_poll_shows_the_model_again() -> None:
             assert len((await stop_bus(drive.bus, [drive])).broadcasts) == 2
 
     run(scenario())
+
+
+def test_a_drive_set_at_its_keypad_while_the_adapter_was_pulled_is_checked_again_before_a_start() -> None:
+    """Who pulls an adapter may work at the drive, also within the 10 s."""
+
+    async def scenario() -> None:
+        async with polled_drive("c320") as (drive, port):
+            station = port.simulated_bus.stations[0]
+            await drive.run(10.0)
+            await drive.stop()
+            port.simulated_bus.unplug()
+            station.memory.ram[0x0001] = 0
+            await asyncio.sleep(1)
+            port.simulated_bus.replug()
+            await asyncio.sleep(5)
+            with pytest.raises(PreflightError):
+                await drive.run(10.0)
+            assert not station.motor.energised
+
+    run(scenario())
