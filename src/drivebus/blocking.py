@@ -85,6 +85,10 @@ class Bus:
         found: StationHealth = self.call(self.bus.health, address)
         return found
 
+    def contact_losses(self, address: int) -> int:
+        """Return how often the port was lost, or the next reply came more than 10 s after the one before."""
+        return int(self.call(self.bus.contact_losses, address))
+
     def unusable_reply(self, address: int) -> Exception | None:
         """Return what a station that is not online sends in place of a reply, None for silence. Raises KeyError."""
         found: Exception | None = self.call(self.bus.unusable_reply, address)
@@ -296,6 +300,16 @@ class Drive:
     def range_hz(self) -> tuple[float, float]:
         """Lowest and highest frequency that may be set, in Hz."""
         return self.drive.range_hz
+
+    @property
+    def setpoint_cap_hz(self) -> float | None:
+        """Highest frequency that is sent while the scale of the setpoint is not determined; None: no cap holds."""
+        return self.drive.setpoint_cap_hz
+
+    @property
+    def is_model_known(self) -> bool:
+        """Whether no command waits for the model check, and no other drive may have come to this address since."""
+        return bool(self._bus.call(lambda: self.drive.is_model_known))
 
     @property
     def acceleration_s(self) -> float | None:

@@ -277,7 +277,7 @@ def test_a_lost_output_is_an_error_elsewhere(monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a full disk of Linux")
 def test_a_read_whose_output_is_lost_names_the_output() -> None:
-    """It named a file "-", and said to choose another path."""
+    """The message named a file "-", and asked for another path."""
     found = run_shell(">/dev/full", *COMMAND, "models", "--lang", "en")
     assert found.returncode == 2
     assert found.stderr.startswith("drivebus: the output, or a file of this command, can't be written: No space left")

@@ -259,7 +259,7 @@ def test_ctrl_c_at_a_question_stops_the_motor_and_says_how(bench: SimulatedBus, 
 def test_an_acceptance_whose_stop_is_not_confirmed_ends_with_4_and_says_so(
     bench: SimulatedBus, question: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
-    """After Ctrl-C it said "interrupted" and nothing of the stop."""
+    """After Ctrl-C the command reported "interrupted", and nothing of the stop."""
 
     async def stop(drive: Drive) -> Outcome:
         raise StopUnconfirmed("drives.stop_no_reply", address=1)

@@ -142,7 +142,7 @@ def test_after_a_pulled_adapter_is_back_a_poll_shows_the_model_again() -> None:
 
 
 def test_a_drive_set_at_its_keypad_while_the_adapter_was_pulled_is_checked_again_before_a_start() -> None:
-    """Who pulls an adapter may work at the drive, also within the 10 s."""
+    """A person who pulls an adapter may work at the drive too, in less than 10 s."""
 
     async def scenario() -> None:
         async with polled_drive("c320") as (drive, port):

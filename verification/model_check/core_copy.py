@@ -91,6 +91,7 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
         "probe_backoff_s": "",
         "unanswered_requests": "",
         "suspect_since": "",
+        "contact_losses": "",
         "stop_epoch": "",
         "address": "",
         "codec": "",

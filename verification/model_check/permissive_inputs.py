@@ -122,6 +122,9 @@ class CoreBusView:
         found = self.core.health(address, self._now)
         return replace(found, error_rate=0.0, damaged=0, damage_rate=0.0)  # the combinations bring their own
 
+    def contact_losses(self, address: int) -> int:
+        return self.core.stations[address].contact_losses
+
     def stop_epoch(self, address: int) -> int:
         return self.core.stations[address].stop_epoch
 
