@@ -86,7 +86,7 @@ class Bus:
         return found
 
     def contact_losses(self, address: int) -> int:
-        """Return how often the port was lost, or the next reply came more than 10 s after the one before."""
+        """Return how often the port was lost, or a reply came after 10 s of silence or 2 minutes without request."""
         return int(self.call(self.bus.contact_losses, address))
 
     def unusable_reply(self, address: int) -> Exception | None:

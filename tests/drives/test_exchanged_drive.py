@@ -83,6 +83,53 @@ def test_a_drive_that_was_not_read_for_long_is_checked_again_before_a_start() ->
     run(scenario())
 
 
+def test_a_running_drive_that_was_not_read_for_long_is_checked_again_before_its_ramp_is_held_or_it_is_paused() -> None:
+    """The hold was refused for want of the pre-flight check, which the next attempt had then done."""
+
+    async def scenario() -> None:
+        port: Any = open_port("sim://vc660@3?line_quality=clean")
+        async with Bus(port) as bus:
+            drive = Drive(bus, "vc660", 3, store=MemoryStore())
+            await drive.run(20.0, wait=True)
+            await asyncio.sleep(600)
+            assert (await drive.hold_ramp(1.0)).succeeded
+            await asyncio.sleep(600)
+            assert (await drive.pause()).succeeded
+
+    run(scenario())
+
+
+def test_a_calibration_after_a_long_time_checks_the_drive_again_and_goes_on() -> None:
+    """A user who had gone to the keypad was refused the step: the pre-flight check had not been done."""
+
+    async def scenario() -> None:
+        port: Any = open_port("sim://smd@3?line_quality=clean")
+        async with Bus(port) as bus:
+            drive = Drive(bus, "smd", 3, store=MemoryStore())
+            await drive.preflight()
+            await asyncio.sleep(600)
+            assert (await drive.calibrate("setpoint_step")).words == (50,)
+
+    run(scenario())
+
+
+def test_a_drive_that_is_polled_each_minute_on_a_slow_bus_is_not_called_lost() -> None:
+    """With each poll its model was in doubt again: stops waited for a read, and that of all was not broadcast."""
+
+    async def scenario() -> None:
+        port: Any = open_port("sim://gd10@3?line_quality=clean")
+        async with Bus(port) as bus:
+            drive = Drive(bus, "gd10", 3, store=MemoryStore())
+            with drive.monitor(period_s=60.0):
+                await drive.run(10.0)
+                for _ in range(300):
+                    await asyncio.sleep(1)
+                    assert drive.is_model_known
+            assert bus.contact_losses(3) == 0
+
+    run(scenario())
+
+
 def test_a_stop_does_not_start_the_drive_of_another_make_that_took_the_place_of_ours() -> None:
     """Word 5 stops a Goodrive and runs an ENC: the stop of the evening started the motor."""
 

@@ -181,7 +181,7 @@ class Bus:
         return self.core.unusable_reply(address)
 
     def contact_losses(self, address: int) -> int:
-        """Return how often the port was lost, or the next reply came more than 10 s after the one before.
+        """Return how often the port was lost, or a reply came after 10 s of silence or 2 minutes without request.
 
         Another drive, or one with other settings, may answer at the address since then. Raises KeyError.
         """

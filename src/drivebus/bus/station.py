@@ -33,7 +33,8 @@ MAX_PROBE_INTERVAL_S = 55.0  # with the wait for its turn on the slowest bus a r
 DUPLICATE_REPLIES_REQUIRED = 2  # two drives at one address send a second reply to each read
 DUPLICATE_WINDOW_S = 600.0  # a second reply is forgotten after ten minutes
 MAX_DUPLICATE_WAIT_S = 0.25  # a quarter of the time that a frame waits for silence
-MAX_UNOBSERVED_S = 10.0  # a drive that has not answered for longer may have been switched off and set or exchanged
+MAX_UNANSWERED_S = 10.0  # a drive that has not answered for longer may have been switched off and set or exchanged
+MAX_UNREQUESTED_S = 120.0  # so may one that was sent nothing for longer; on a slow bus polls are up to 60 s apart
 PROBE_BUS_SHARE = 0.1  # share of the bus time that sync probes to all offline stations together may use
 ENCODE_CACHE_SIZE = 512  # encoded reads cached for each station: a bus repeats the same requests
 
@@ -243,8 +244,10 @@ class Station:
 
     def record_reply_time(self, at: float) -> None:
         """Record the time of a trusted reply. After a long time without one the drive may have been without power."""
-        if self.last_reply_at is not None and at - self.last_reply_at > MAX_UNOBSERVED_S:
-            self.contact_losses += 1
+        if self.last_reply_at is not None:
+            limit_s = MAX_UNANSWERED_S if self.suspect_since > self.last_reply_at else MAX_UNREQUESTED_S
+            if at - self.last_reply_at > limit_s:
+                self.contact_losses += 1
         self.last_reply_at = at
 
     def mark_replied(self) -> None:

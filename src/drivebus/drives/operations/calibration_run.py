@@ -38,6 +38,9 @@ def run_at_word(
     if op.drive.maximum_hz < UNCALIBRATED_CAP_HZ:
         raise LimitError("drives.above_maximum", frequency_hz=UNCALIBRATED_CAP_HZ, limit_hz=op.drive.maximum_hz)
     op.limits_checked = True
+    if op.drive.preflight is not None:  # the user may have been away for long: a reply shows a loss of contact
+        yield from op.read_verified_state()
+        yield from op.void_checks_after_contact_loss()
     yield from ensure_preflight(op)
     error = yield from op.read_verified_state()
     if error is not None:

@@ -79,6 +79,7 @@ def hold_ramp(op: OperationContext, seconds: float) -> DriveOperation[Outcome]:
     yield from op.start_clock()
     yield from op.require_state()
     _check_runs(op, CommandKind.RAMP_HOLD)
+    yield from op.void_checks_after_contact_loss()
     yield from ensure_preflight(op)
     yield from op.require_state()
     output_hz = op.output_hz()
