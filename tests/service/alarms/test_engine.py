@@ -256,6 +256,16 @@ def test_shelving_applies_to_all_alarms_of_a_key_until_its_end_on_the_monotonic_
     assert alarms.counts("fan-1") == {"critical": 1}
 
 
+def test_a_motor_that_takes_the_place_of_another_has_no_shelved_alarm() -> None:
+    """Its own fault was hidden for as long as that of the former motor was shelved."""
+    alarms = engine()
+    run(alarms, (0, view(fault=OVERCURRENT)))
+    alarms.shelve("a1", 60, 0.0, 0, by="anna", reason="to be exchanged")
+    alarms.configure([], [FAN], 1, replaced_drives=["fan-1"])
+    run(alarms, (2, view(fault=OVERCURRENT)))
+    assert alarms.counts("fan-1") == {"critical": 1}
+
+
 def test_an_alarm_can_be_unshelved_early() -> None:
     alarms = engine()
     run(alarms, (0, view(fault=OVERCURRENT)))

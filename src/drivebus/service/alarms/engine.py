@@ -70,6 +70,10 @@ class AlarmShelf:
         """Return the keys whose time has ended."""
         return [key for key, (until, _) in self._until.items() if now >= until]
 
+    def of_drives(self, drives: Collection[str]) -> list[AlarmKey]:
+        """Return the shelved keys of these drives."""
+        return [key for key in self._until if key[2] in drives]
+
     def remove(self, key: AlarmKey) -> None:
         """Remove a key. Idempotent."""
         self._until.pop(key, None)
@@ -87,7 +91,7 @@ AUTOMATIC_ACKNOWLEDGER = "drivebus"
 
 
 class AlarmEngine:
-    """All alarms of a plant. ``known``: alarms that were active when the service last ended."""
+    """All alarms of a plant. ``alarms``: those that were active when the service last ended."""
 
     def __init__(
         self,
@@ -124,9 +128,10 @@ class AlarmEngine:
     ) -> list[AlarmChange]:
         """Apply a configuration. Unchanged conditions keep their state; alarms without a condition are cleared.
 
-        So are those of a replaced drive: another motor raises its own, also where it has the same fault.
+        So are those of a replaced drive, and they are unshelved: another motor raises its own, also of the same fault.
         """
-        cleared = self._clear_where(lambda alarm: alarm.drive in replaced_drives, now_ms)
+        cleared = [change for key in self._shelves.of_drives(replaced_drives) for change in self._unshelve(key)]
+        cleared += self._clear_where(lambda alarm: alarm.drive in replaced_drives, now_ms)
         for drive in replaced_drives:
             self._conditions.pop(drive, None)
         old = {(one.setting, one.drive): one for conditions in self._conditions.values() for one in conditions}

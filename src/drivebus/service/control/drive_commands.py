@@ -318,7 +318,9 @@ class DriveCommands:
         text = f"{reason} ({actor.name})"
         waiver = CommLossWaiver.for_drive(text, runtime.config, self.plant.bus_of(runtime).config)
         async with self._settings_lock:
-            if await self._store_value(runtime, waiver_key(runtime.id), waiver.to_json()) is not runtime:
+            present = await self._store_value(runtime, waiver_key(runtime.id), waiver.to_json())
+            if present is not runtime:
+                await self._erase_waiver(present)  # a restart, or this reload, would put it in force
                 raise Superseded("plant.another_meanwhile", drive=runtime.id)
             runtime.comm_loss.waiver = text
         self.plant.publish_event("waiver", runtime.id, "plant.waived", actor=actor.name, reason=reason)
@@ -332,12 +334,16 @@ class DriveCommands:
         await asyncio.to_thread(self.plant.store.put, key, value)
         return self.plant.drives.get(runtime.id, runtime)
 
+    async def _erase_waiver(self, runtime: DriveRuntime) -> None:
+        """Erase the waiver of a drive, stored and in force. Raises ConfigurationError."""
+        runtime = await self._store_value(runtime, waiver_key(runtime.id), "")
+        runtime.comm_loss.waiver, runtime.comm_loss.waiver_of_another = None, None
+
     @handles(WAIVER_REVOKE)
     async def revoke_waiver(self, params: DriveParams, actor: Actor) -> Json:
         runtime = self.plant.drive_runtime(params.drive)
         async with self._settings_lock:
-            runtime = await self._store_value(runtime, waiver_key(runtime.id), "")
-            runtime.comm_loss.waiver, runtime.comm_loss.waiver_of_another = None, None
+            await self._erase_waiver(runtime)
         self.plant.publish_event("waiver", runtime.id, "plant.unwaived", actor=actor.name)
         return {}
 
