@@ -255,6 +255,20 @@ def test_ctrl_c_at_a_question_stops_the_motor_and_says_how(bench: SimulatedBus, 
     run(scenario())
 
 
+def test_a_motor_left_alone_whose_stop_cannot_be_sent_is_an_unconfirmed_stop(bench: SimulatedBus) -> None:
+    """It was only a port that can't be opened, with the exit code of a failed step, while the motor ran on."""
+
+    class UnpluggingPerson(AgreeingPerson):
+        async def ask(self, key: str, /, **params: Any) -> str:
+            if key == "acceptance.ask.still_turns":
+                bench.unplug()
+            return await super().ask(key, **params)
+
+    found = step("comm_loss", session_class=UnpluggingPerson)
+    assert isinstance(found.figures["error"], StopUnconfirmed)
+    assert found.figures["error"].key == "drives.stop_not_sent_port"
+
+
 @pytest.mark.parametrize("question", ["acceptance.ask.turns", "nothing"])
 def test_an_acceptance_whose_stop_is_not_confirmed_ends_with_4_and_says_so(
     bench: SimulatedBus, question: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any

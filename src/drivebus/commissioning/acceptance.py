@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, TypeVar
@@ -18,7 +18,8 @@ from drivebus.bus import Bus, Presence
 from drivebus.bus.messages import BusRequest
 from drivebus.drives import Drive
 from drivebus.drives.outcome import Outcome
-from drivebus.errors import DrivebusError
+from drivebus.errors import DrivebusError, StopUnconfirmed
+from drivebus.values import Text
 
 T = TypeVar("T")
 StepOutcome = tuple[bool | None, dict[str, Any]]
@@ -297,12 +298,23 @@ async def check_comm_loss(session: AcceptanceSession) -> StepOutcome:
         await session.race(asyncio.sleep(alone_s))
         turns = await session.confirm("acceptance.ask.still_turns", seconds=round(alone_s))
     except BaseException as error:
-        async with session.drive() as (_, drive):
+        async with _drive_to_stop(session) as drive:
             await _stop_after(error, drive)
         raise
-    async with session.drive() as (_, drive), _stop_afterwards(drive) as outcomes:
+    async with _drive_to_stop(session) as drive, _stop_afterwards(drive) as outcomes:
         outcomes |= {"announces_trip": report.stops_on_comm_loss, "alone_s": alone_s, "still_turned": turns}
     return (None if report.stops_on_comm_loss is None else report.stops_on_comm_loss is not turns), outcomes
+
+
+@asynccontextmanager
+async def _drive_to_stop(session: AcceptanceSession) -> AsyncIterator[Drive]:
+    """Open the bus again for the stop of a motor that runs. Raises StopUnconfirmed where that fails."""
+    async with AsyncExitStack() as stack:
+        try:
+            _, drive = await stack.enter_async_context(session.drive())
+        except DrivebusError as error:
+            raise StopUnconfirmed("drives.stop_not_sent_port", why=Text.per_language(error.text)) from error
+        yield drive
 
 
 @asynccontextmanager
