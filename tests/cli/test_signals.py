@@ -190,6 +190,15 @@ def test_jog_refuses_a_frequency_before_a_key_is_held(model: str, words: tuple[s
     assert '"comm_loss"' not in terminal.output, "no question to the drive comes before it"
 
 
+def test_jog_of_a_drive_whose_direction_is_calibrated_is_not_refused() -> None:
+    """The check before the first key did not know it, and refused every jog of a DF800."""
+    more = ("--option", "direction_calibrated=true")
+    with PtyTerminal("jog", "sim://df800@1", "--model", "df800", "--address", "1", *more) as terminal:
+        terminal.wait_for("Hold the space bar")
+        terminal.press("q")
+        assert terminal.exit_code() == 0
+
+
 def test_jog_stops_when_the_terminal_is_closed(plant: Plant) -> None:
     with PtyTerminal("jog", plant.url, *DRIVE) as terminal:
         terminal.wait_for("Hold the space bar")

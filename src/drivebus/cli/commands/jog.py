@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import connect, options, output
@@ -57,11 +58,12 @@ def _check_frequency_source(target: Target, frequency_hz: float | None) -> None:
     """Raise CapabilityError where the model takes the frequency of a jog from elsewhere, or can't jog."""
     from drivebus.drives.dialects.create import create_dialect
     from drivebus.drives.state import Direction
-    from drivebus.errors import CapabilityError
+    from drivebus.errors import CapabilityError, StartInhibited
 
     if target.profile.jog_frequency is None:
         raise CapabilityError("drives.cannot", model=target.model, what="jog")
-    create_dialect(target.profile, target.address).jog(Direction.FORWARD, None if frequency_hz is None else 0)
+    with suppress(StartInhibited):  # only the drive, or its service, knows whether its direction is calibrated
+        create_dialect(target.profile, target.address).jog(Direction.FORWARD, None if frequency_hz is None else 0)
 
 
 async def _until_quit(
