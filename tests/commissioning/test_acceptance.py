@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -284,6 +285,16 @@ def test_an_acceptance_whose_stop_is_not_confirmed_ends_with_4_and_says_so(
     target = Target(port=ACCEPTANCE_LINK, model="vc660", address=1)
     assert run(acceptance_command._run(target, motor=True, frequency_hz=5.0, folder=tmp_path)) == 4
     assert "STOP NOT CONFIRMED" in capsys.readouterr().out
+
+
+def test_the_second_instance_is_not_suspended_by_ctrl_z(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The checklist, which ends by Ctrl-Z where it may turn a motor, waited for it for ever."""
+    program = [sys.executable, "-c", "import os; print('true' if os.getpgrp() == os.getpid() else 'false')"]
+    monkeypatch.setattr(acceptance_command, "module_command", lambda *words: program)
+    session = AgreeingPerson(
+        Target(port=ACCEPTANCE_LINK, model="vc660", address=1), ShutdownSignal(), motor=True, frequency_hz=5.0
+    )
+    assert asyncio.run(session.second_instance()) is True
 
 
 @pytest.mark.parametrize("bench", [C320_LINK], indirect=True)

@@ -61,6 +61,7 @@ class TerminalAcceptance(AcceptanceSession):
             *module_command("drivebus", "status", target.port, *arguments),
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.DEVNULL,
+            process_group=0,  # suspended by Ctrl-Z, it would be waited for without end
         )
         printed, _ = await program.communicate()
         document: dict[str, Any] = json.loads(printed.splitlines()[-1])
