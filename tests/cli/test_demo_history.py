@@ -7,6 +7,7 @@ import signal
 import sys
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -133,12 +134,24 @@ def test_a_drive_without_readable_power_has_no_energy_and_one_with_it_has() -> N
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals and ptys of POSIX")
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    ("number", "ctrl_c"),
+    [
+        (signal.SIGTERM, signal.default_int_handler),
+        (signal.SIGHUP, signal.default_int_handler),
+        (signal.SIGTERM, signal.SIG_IGN),  # a script started it with "&", and its SIGTERM was lost
+    ],
+)
 def test_a_demo_that_is_ended_while_it_writes_its_history_removes_its_directory(
-    number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    number: signal.Signals, ctrl_c: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(ENVIRONMENT, "TMPDIR", str(tmp_path))
-    with PtyTerminal("demo", "--port", "8119") as terminal:
+    former = signal.signal(signal.SIGINT, ctrl_c)  # inherited where it is ignored
+    try:
+        terminal = PtyTerminal("demo", "--port", "8119")
+    finally:
+        signal.signal(signal.SIGINT, former)
+    with terminal:
         terminal.wait_for(i18n.text("demo.preparing", "en")[:20])
         os.kill(terminal.pid, number)
         assert terminal.exit_code() == 130

@@ -88,6 +88,8 @@ def _interrupt(number: int, _: object) -> None:
     """End the preparation as Ctrl-C does, so that the temporary directory is removed."""
     if number == signal.SIGHUP:
         discard_terminal_output()
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell sets it for a command behind which "&" stands
+        raise KeyboardInterrupt
     signal.raise_signal(signal.SIGINT)
 
 
