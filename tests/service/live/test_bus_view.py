@@ -1,16 +1,18 @@
-"""View of a bus."""
+"""Views of a bus and of the plant."""
 
 from __future__ import annotations
 
 import asyncio
 import os
 import tty
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 
 from drivebus.service.config import loads
 from drivebus.service.config.model import BusConfig, DriveConfig
+from drivebus.service.live import publisher
 from drivebus.service.runtime.supervision import BUS_VIEW_CYCLES, CYCLE_S
 from drivebus.testing.virtual_time import run
 from fixtures.service import FAN_FILE, plant_config, running_service
@@ -23,6 +25,17 @@ def test_a_bus_that_opens_with_the_service_publishes_no_event() -> None:
             assert [(await kit.call("buses.get", bus=bus))["is_open"] for bus in ("a", "b")] == [True, True]
             texts = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
             assert not [text for text in texts if text.startswith("bus ")]
+
+    run(scenario())
+
+
+def test_the_version_is_that_of_the_running_service_until_it_is_restarted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After an update of the package the page said that the service had the new version, and asked for a reload."""
+    monkeypatch.setattr(publisher, "version", lambda name: "9.9.9")
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            assert (await kit.call("plant.get"))["version"] == version("drivebus")
 
     run(scenario())
 

@@ -17,6 +17,8 @@ from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
 
+SERVICE_VERSION = version("drivebus")  # read once: an update replaces the files of the running service
+
 
 class LivePublisher:
     """Publisher of live topics and samples. The supervision cycle calls it; drives also with every new status."""
@@ -169,7 +171,7 @@ def plant_topic(plant: Plant) -> Json:
         "state": plant.state,
         "stop_all": plant.last_stop_all,
         "notice": plant.notice,
-        "version": version("drivebus"),
+        "version": SERVICE_VERSION,
         "started_ms": plant.started_ms,
         "audit_ok": plant.audit.ok,
         "history_ok": plant.historian.ok,
