@@ -15,7 +15,7 @@ FOCUSED_STOP = "() => document.activeElement.dataset.stop ?? document.activeElem
 
 @pytest.mark.parametrize(
     ("way", "stop"),
-    [("#/drive/fan-1?tab=parameters", "drive"), ("#/fleet?group=air", "group"), ("#/settings?tab=users", "groups")],
+    [("#/drive/fan-1?tab=parameters", "drive"), ("#/fleet?group=air", "group"), ("#/settings?tab=users", "all")],
 )
 def test_one_key_leads_to_the_nearest_stop_and_with_shift_to_that_of_all(visit: Any, way: str, stop: str) -> None:
     """From the middle of a page the stop bar was up to a hundred presses of Tab away."""
@@ -38,6 +38,33 @@ def test_two_keys_stop_a_drive_from_an_open_window_and_the_drive_of_a_tile(stage
     page.locator("[data-drive=pump-2]").focus()
     page.keyboard.press("F8")
     assert page.evaluate(FOCUSED_STOP) == i18n.text("page.stop_named", "en", name="Feed pump")
+
+
+def test_a_window_that_closes_by_itself_leaves_the_focus_at_the_stop(stage: Stage, visit: Any) -> None:
+    """An answer between F8 and Enter gave the focus back to the button of the window, and Enter opened it again."""
+    page = visit("#/drive/fan-1")
+    page.get_by_role("button", name=i18n.text("page.limits_change", "en")).press("Enter")
+    waiting: list[Any] = []
+    page.route("**/limits", lambda route: waiting.append(route))
+    with page.expect_request("**/limits"):
+        page.locator("dialog [type=submit]").press("Enter")
+    page.keyboard.press("F8")
+    waiting[0].fulfill(json={})
+    page.locator("dialog").wait_for(state="detached")
+    assert page.evaluate(FOCUSED_STOP) == "drive"
+
+
+def test_a_held_enter_key_sends_one_stop(stage: Stage, visit: Any) -> None:
+    """Each repeat sent another, and the few connections of a browser were taken when the stop of all was pressed."""
+    page = visit("#/drive/fan-1")
+    sent: list[str] = []
+    page.on("request", lambda request: sent.append(request.url) if request.method == "POST" else None)
+    page.locator("[data-stop=drive]").focus()
+    for _ in range(5):
+        page.keyboard.down("Enter")
+    page.keyboard.up("Enter")
+    page.locator(".stop-status.good").wait_for()
+    assert len([url for url in sent if url.endswith("/stop")]) == 1
 
 
 def test_no_key_leads_from_an_open_window_to_what_it_covers(visit: Any) -> None:

@@ -98,6 +98,23 @@ def test_a_dialog_of_a_session_that_falls_idle_is_unlocked_in_place_and_keeps_it
         stage.call("drive.limits", drive="fan-2", **WIDEST_LIMITS)
 
 
+def test_the_keyboard_reaches_the_password_from_an_open_dialog(stage: Stage, visit: Any) -> None:
+    """Tab led from the stop bar back to the dialog, whose commands were all refused."""
+    page = visit("#/drive/fan-2")
+    page.click(f"text={i18n.text('page.limits_change', 'en')}")
+    fall_idle(stage, "engineer")
+    page.press(".dialog button[type=submit]", "Enter")
+    page.wait_for_selector("[data-do=unlock]")
+    for _ in range(20):
+        page.keyboard.press("Tab")
+        if page.evaluate("document.activeElement.type") == "password":
+            break
+    page.keyboard.type(PASSWORD)
+    page.keyboard.press("Enter")
+    page.wait_for_selector("[data-do=unlock]", state="detached")
+    assert page.locator(".dialog").is_visible()
+
+
 def test_a_notice_of_the_service_stays_until_it_is_closed_and_a_new_one_comes(stage: Stage, visit: Any) -> None:
     page = visit("#/fleet", language="zh", role="operator")
     try:

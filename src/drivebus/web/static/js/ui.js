@@ -6,7 +6,7 @@ import { Icon } from "./icons.js";
 import { isLive } from "./live.js";
 
 /** Ignore the key repeat of Enter: a held key presses a button once. */
-const ignoreRepeat = (event) => { if (event.repeat && event.key === "Enter") event.preventDefault(); };
+export const ignoreRepeat = (event) => { if (event.repeat && event.key === "Enter") event.preventDefault(); };
 
 /** Whether a key belongs to an input method, such as the Enter that ends the input of Chinese. Safari reports that one after
  * its end, with this code. */
@@ -122,23 +122,30 @@ export function Value({ found, big = false, brief = false, digits }) {
 /** What the keyboard reaches while a window is open, beside the window itself. */
 const BESIDE_DIALOG = "dialog, .stopbar, .notices";
 
-/** A window over the page; Escape closes it. It is not modal: after its last field comes the stop bar, then the window again. */
+/** Field of the form that stands above a window while every command of an idle session is refused. */
+const UNLOCK_PASSWORD = "[data-do=unlock] .password input";
+
+/** A window over the page; Escape closes it. It is not modal: after its last field comes the stop bar, then the password of an
+ * idle session, then the window again. */
 export function Dialog({ title, onClose, children, class: more = "" }) {
   const box = useRef(null);
   const id = useId();
   useLayoutEffect(() => {
     const before = document.activeElement;
-    box.current.show();
-    (box.current.querySelector("[data-first]") ?? box.current).focus();
+    const dialog = box.current;
+    dialog.show();
+    (dialog.querySelector("[data-first]") ?? dialog).focus();
     const keepOut = ({ target, relatedTarget }) => {
       if (target.closest(BESIDE_DIALOG)) return;
-      const next = box.current.contains(relatedTarget) ? document.querySelector(".stopbar button") : null;
-      (next ?? box.current).focus();
+      const next = dialog.contains(relatedTarget) ? ".stopbar button" : relatedTarget === null ? UNLOCK_PASSWORD : null;
+      ((next && document.querySelector(next)) ?? dialog).focus();
     };
     document.addEventListener("focusin", keepOut);
     return () => {
       document.removeEventListener("focusin", keepOut);
-      before?.focus?.();
+      const { activeElement } = document;
+      // A stop that has the focus keeps it: an answer may close the window between its key and Enter.
+      if (dialog.contains(activeElement) || activeElement === document.body) before?.focus?.();
     };
   }, []);
   // On the document: a button that has been disabled under the finger has lost the focus. Before the paint: a key that

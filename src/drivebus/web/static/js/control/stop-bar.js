@@ -13,16 +13,18 @@ import { dismissStop, shownStops, stop, targetName } from "./stops.js";
 import { ReleaseButton } from "./selection.js";
 import { StopAnyway } from "./stop-anyway.js";
 import { driveTitle, groupTitle } from "../titles.js";
-import { Button } from "../ui.js";
+import { Button, ignoreRepeat } from "../ui.js";
 
 const isMenuOpen = signal(false);
 
 /** Key that leads to the narrowest stop in reach, and with Shift to that of all drives. It stops nothing: Enter does. */
 const STOP_KEY = "F8";
 
-/** The stop of the focused tile, else of the drive or the group of the page, else of all. */
+/** The stop of the focused tile, else of the drive or the group of the page, else of all: never the button of several groups,
+ * at which Enter stops nothing. */
 function nearestStop(bar) {
-  return document.activeElement?.closest(".tile")?.querySelector(".tilestop") ?? bar.querySelector(".stops .stop");
+  return document.activeElement?.closest(".tile")?.querySelector(".tilestop")
+    ?? bar.querySelector(".stops .stop:not([data-stop=groups])");
 }
 
 function useStopKey(bar) {
@@ -39,7 +41,7 @@ function useStopKey(bar) {
 
 function StopButton({ kind, id, children, ...rest }) {
   return html`<button type="button" class="stop" data-stop=${kind} onClick=${() => stop(kind, id)} ...${rest}
-    aria-keyshortcuts=${kind === "all" ? `Shift+${STOP_KEY}` : undefined}
+    onKeyDown=${ignoreRepeat} aria-keyshortcuts=${kind === "all" ? `Shift+${STOP_KEY}` : undefined}
     title=${kind === "all" ? t("page.stop_holds", { key: `Shift+${STOP_KEY}` }) : t("page.stop_holds_not", { key: STOP_KEY })}>
     <${Icon} name="stop" size=${22} /><span><b>${t("page.bus_stop")}</b><span class="what">${children}</span></span>
       </button>`;

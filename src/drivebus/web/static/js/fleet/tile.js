@@ -7,7 +7,7 @@ import { isCleared, mostUrgentAlarm } from "../alarms/alarm-list.js";
 import { PriorityMark } from "../alarms/alarm-state.js";
 import { isLive } from "../live.js";
 import { Icon } from "../icons.js";
-import { Value } from "../ui.js";
+import { Value, ignoreRepeat } from "../ui.js";
 import { href } from "../router.js";
 import { may } from "../session.js";
 import { drive } from "../store.js";
@@ -85,6 +85,7 @@ export function Tile({ id }) {
       ${view.stop_pending && html`<p class="tilefault" title=${t("page.stop_pending")}>${t("page.stop_pending_short")}</p>`}
       ${view.start_inhibited && html`<p class="tilenote">${t("page.start_inhibited")}</p>`}</a>
     ${may("stop") && html`<button type="button" class="tilestop" aria-label=${t("page.stop_named", { name })}
-      title=${t("page.stop_named", { name })} onClick=${() => stop("drive", id)}><${Icon} name="stop" /></button>`}
+      title=${t("page.stop_named", { name })} onKeyDown=${ignoreRepeat} onClick=${() => stop("drive", id)}>
+      <${Icon} name="stop" /></button>`}
   </article>`;
 }
