@@ -41,6 +41,22 @@ def test_an_unchanged_trail_is_verified(tmp_path: Path) -> None:
     assert [record["n"] for record in lines(trail.paths.current)] == list(range(1, 11))
 
 
+@pytest.mark.skipif(not hasattr(os, "getpgid"), reason="process groups of POSIX")
+def test_ctrl_z_in_the_terminal_of_the_service_does_not_suspend_a_verification(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trail, start, groups = written_trail(tmp_path), asyncio.create_subprocess_exec, list[bool]()
+
+    async def record_group(*command: str, **options: Any) -> asyncio.subprocess.Process:
+        child = await start(*command, **options)
+        groups.append(os.getpgid(child.pid) == child.pid)
+        return child
+
+    monkeypatch.setattr(asyncio, "create_subprocess_exec", record_group)
+    assert asyncio.run(trail.verify())["ok"]
+    assert groups == [True]
+
+
 def test_a_record_has_actor_operation_time_frames_and_outcome(tmp_path: Path) -> None:
     async def go() -> None:
         trail = new_trail(tmp_path)

@@ -30,7 +30,7 @@ def test_a_bus_that_opens_with_the_service_publishes_no_event() -> None:
 
 
 def test_the_version_is_that_of_the_running_service_until_it_is_restarted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """After an update of the package the page said that the service had the new version, and asked for a reload."""
+    """After an update of the package the page named the new version as that of the service, and asked for a reload."""
     monkeypatch.setattr(publisher, "version", lambda name: "9.9.9")
 
     async def scenario() -> None:

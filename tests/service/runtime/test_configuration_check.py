@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -126,6 +127,15 @@ def test_no_difference_shows_the_password_of_the_database(tmp_path: Path) -> Non
     assert found["difference"] == {"added": [], "changed": ["title"], "removed": []}
     found = configuration_check.check_text(SHOP_FILE + HISTORY.format(password="hunter3"), running)
     assert found["difference"]["changed"] == ["history"]
+
+
+@pytest.mark.skipif(not hasattr(os, "getpgid"), reason="process groups of POSIX")
+async def test_ctrl_z_in_the_terminal_of_the_service_does_not_suspend_a_check(tmp_path: Path) -> None:
+    async with shop(tmp_path) as (kit, client):
+        check = asyncio.create_task(client.call("configuration.check", {"text": LONG_TEXT}, LOCAL))
+        child = await child_of(kit)
+        assert os.getpgid(child.pid) == child.pid
+        check.cancel()
 
 
 async def test_faults_and_differences_of_a_text_are_found(tmp_path: Path) -> None:

@@ -194,3 +194,21 @@ def test_a_stop_has_the_time_of_the_service_where_the_browser_has_another(stage:
     assert shown in recent
     wrong = page.evaluate("import('/static/js/format.js').then(({ clock }) => clock(Date.now()))")
     assert wrong.split(":")[0] != shown.split(":")[0]
+
+
+def test_a_stop_that_is_repeated_frees_the_connections_that_the_next_stop_needs(visit: Any) -> None:
+    """Six stops of a drive with a long ramp held the six connections of the browser: a stop of all waited in it."""
+    page = visit("#/drive/fan-1")
+    held, ended = list[Any](), list[Any]()
+    page.route("**/api/v1/drives/fan-1/stop", lambda route: held.append(route.request))
+    page.on("requestfailed", lambda request: ended.append(request))
+    for _ in range(3):
+        page.click("[data-stop=drive]")
+    page.wait_for_timeout(1500)
+    assert len(held) == 3 and ended == [], "a stop has time to reach the server"
+    page.wait_for_timeout(3000)
+    assert [request in ended for request in held] == [True, True, False]
+    page.click("[data-stop=all]")
+    expecting()(page.locator(".stop-status.good")).to_have_count(1)
+    page.wait_for_timeout(3500)
+    assert all(request in ended for request in held)

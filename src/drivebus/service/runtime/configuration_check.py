@@ -59,7 +59,9 @@ class ConfigurationCheck:
 
     async def _run(self, content: bytes) -> Json:
         command = module_command(__name__)
-        process = self._process = await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE, stderr=PIPE)
+        process = self._process = await asyncio.create_subprocess_exec(
+            *command, stdin=PIPE, stdout=PIPE, stderr=PIPE, process_group=0
+        )
         try:
             async with asyncio.timeout(CHECK_TIMEOUT_S):
                 output, errors = await process.communicate(content)

@@ -13,6 +13,9 @@ const STOP_TIMEOUT_MS = 120_000;
 /** Retry window of a stop while the server cannot be reached: a stop of minutes ago is no longer expected. */
 const RETRY_WINDOW_MS = 30_000;
 const RETRY_PAUSE_MS = 700;
+/** A stop that a newer one replaces keeps its connection for this long: long enough to reach the server on a slow line. A
+ * browser has six connections to a server: more stops that wait for their motors would keep the next one in the browser. */
+const REPLACED_STOP_MS = 3000;
 /** A read this long after the answer is not one that the stop itself had: the service's clock is known to a message's delay. */
 const CONFIRM_AFTER_MS = 1000;
 
@@ -22,6 +25,8 @@ const CONFIRM_AFTER_MS = 1000;
  * answer as their model. An older stop stays in the list until it is confirmed, dismissed, or sent again. */
 export const stops = signal([]);
 let count = 0;
+/** AbortController of the request of each stop without an answer yet, by the id of the stop. */
+const underWay = new Map();
 
 const PATHS = { drive: (id) => drivePath(id, "/stop"), group: (id) => groupPath(id, "/stop"), all: () => "/stop" };
 
@@ -54,9 +59,14 @@ function change(id, fields) {
 export async function stop(kind, id = null, how = "stop", { assume_model = false } = {}) {
   const entryId = ++count;
   const entry = { id: entryId, target: { kind, id }, how, phase: "sending", good: null, text: null, time_ms: serviceNow() };
-  stops.value = [entry, ...stops.peek().filter((one) => !isSettled(one) && !covers(entry.target, one.target))];
+  const replaced = stops.peek().filter((one) => covers(entry.target, one.target));
+  setTimeout(() => replaced.forEach(({ id: replacedId }) => underWay.get(replacedId)?.abort()), REPLACED_STOP_MS);
+  stops.value = [entry, ...stops.peek().filter((one) => !isSettled(one) && !replaced.includes(one))];
   const body = kind === "drive" ? { how, ...(assume_model ? { assume_model } : {}) } : {};
-  const result = await sendUntilAnswered(entryId, entry.target, body);
+  const request = new AbortController();
+  underWay.set(entryId, request);
+  const result = await sendUntilAnswered(entryId, entry.target, body, request.signal);
+  underWay.delete(entryId);
   change(entryId, { ...result, answered_ms: serviceNow() });
 }
 
@@ -86,13 +96,14 @@ effect(() => {
 /** Whether a stop is repeated after an error: no answer, no service process, or the CSRF token of an earlier server process. */
 const isTransient = (error) => error.unreachable || error.status === 503 || error.code === "auth.csrf";
 
-async function sendUntilAnswered(entryId, target, body) {
+async function sendUntilAnswered(entryId, target, body, replacement) {
   const path = PATHS[target.kind](target.id);
   const until = nowMs() + RETRY_WINDOW_MS;
   let renewed = false;
   for (;;) {
     try {
-      return evaluateStop(await api.post(path, body, { timeout_ms: STOP_TIMEOUT_MS }), target);
+      const options = { timeout_ms: STOP_TIMEOUT_MS, signal: replacement };
+      return evaluateStop(await api.post(path, body, options), target);
     } catch (error) {
       // Another tab logged in meanwhile: the request was denied before it had any effect.
       if (error.code === "auth.csrf" && !renewed) {
@@ -100,7 +111,7 @@ async function sendUntilAnswered(entryId, target, body) {
         await loadSession().catch(() => null);
         continue;
       }
-      if (!isTransient(error) || nowMs() > until) return failed(error, target);
+      if (!isTransient(error) || nowMs() > until || replacement.aborted) return failed(error, target);
       change(entryId, { phase: "trying" });
       await new Promise((resolve) => { setTimeout(resolve, RETRY_PAUSE_MS); });
       // Another server process may need another CSRF token.
