@@ -403,7 +403,9 @@ def test_the_state_of_a_tile_is_whole_while_the_connection_is_lost(stage: Stage,
 PENDING = """async (id) => {
   const store = await import('/static/js/store.js');
   store.applyDelta({ topics: { [`drives/${id}`]: { stop_pending: true, start_inhibited: true } } });
-  await new Promise((resolve) => { setTimeout(resolve, 100); });
+  for (let n = 0; n < 100 && !document.querySelector('.tilefault'); n++) {
+    await new Promise((resolve) => { setTimeout(resolve, 20); });
+  }
   const faults = [...document.querySelectorAll('.tilefault')];
   return faults.map((one) => [one.textContent, one.scrollHeight - one.clientHeight]);
 }"""
