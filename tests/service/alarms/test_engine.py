@@ -205,13 +205,77 @@ def test_an_alarm_configured_for_other_drives_ignores_this_one() -> None:
     assert run(engine(replace(HIGH, drives=("pump-1",), delay_s=0.0)), (0, current(99.0))) == []
 
 
-def test_a_repeated_fault_is_another_alarm() -> None:
+def test_a_repeated_fault_is_one_entry_that_is_active_again_with_its_count() -> None:
     alarms = engine()
     run(alarms, (0, view(fault=OVERCURRENT)), (1, view()), (2, view(fault=OVERCURRENT)))
-    assert [(alarm.id, alarm.raised_ms, alarm.cleared_ms) for alarm in alarms.active()] == [
-        ("a2", 2000, None),
-        ("a1", 0, 1000),
+    (alarm,) = alarms.active()
+    assert (alarm.id, alarm.raised_ms, alarm.cleared_ms, alarm.acknowledged_ms) == ("a2", 2000, None, None)
+    assert (alarm.count, alarm.first_id, alarm.first_raised_ms) == (2, "a1", 0)
+
+
+def test_an_alarm_that_comes_and_goes_200_times_is_one_entry_and_the_log_has_each_occurrence() -> None:
+    """It was listed twenty times, and the others were acknowledged in the name of the service."""
+    log = RecordingAlarmLog()
+    alarms = AlarmEngine([], [FAN], log.put)
+    for n in range(200):
+        run(alarms, (2 * n, view(fault=OVERCURRENT)), (2 * n + 1, view()))
+    (alarm,) = alarms.active()
+    assert (alarm.id, alarm.first_id, alarm.count, alarm.first_raised_ms) == ("a200", "a1", 200, 0)
+    assert len({alarm.id for alarm in log.alarms}) == 200
+    assert all(alarm.acknowledged_by is None for alarm in log.alarms)
+
+
+def test_a_repeated_alarm_is_acknowledged_by_the_id_that_a_page_showed_a_moment_ago() -> None:
+    alarms = engine()
+    run(alarms, (0, view(fault=OVERCURRENT)), (1, view()), (2, view(fault=OVERCURRENT)))
+    (change,) = alarms.acknowledge("a1", "li", 2500)
+    assert (change.alarm.id, change.alarm.acknowledged_by, alarms.acknowledge("a1", "li", 2600)) == ("a2", "li", [])
+    run(alarms, (3, view()), (4, view(fault=OVERCURRENT)))
+    (alarm,) = alarms.active()
+    assert (alarm.id, alarm.count, alarm.first_id) == ("a3", 1, "a3"), "acknowledged: the count begins again"
+    with pytest.raises(NotFound):
+        alarms.acknowledge("a1", "li", 4500)
+
+
+def test_an_acknowledgement_is_no_answer_to_an_occurrence_after_it() -> None:
+    alarms = engine()
+    run(alarms, (0, view(fault=OVERCURRENT)))
+    alarms.acknowledge("a1", "li", 500)
+    run(alarms, (1, view()), (2, view(fault=OVERCURRENT)))
+    assert [(alarm.id, alarm.count, alarm.acknowledged_ms) for alarm in alarms.active()] == [("a2", 1, None)]
+
+
+def test_two_faults_that_alternate_are_two_entries() -> None:
+    alarms = engine()
+    other = {**OVERCURRENT, "code": 5}
+    for n in range(10):
+        run(alarms, (2 * n, view(fault=OVERCURRENT)), (2 * n + 1, view(fault=other)))
+    assert [(alarm.value, alarm.count, alarm.cleared_ms) for alarm in alarms.active()] == [
+        (5, 10, None),
+        (4, 10, 19000),
     ]
+
+
+def test_a_value_that_passes_its_limit_again_is_one_entry_with_the_newest_value() -> None:
+    alarms = engine(replace(HIGH, delay_s=0.0))
+    run(alarms, (0, current(11.0)), (1, current(1.0)), (2, current(12.0)))
+    assert [(alarm.value, alarm.count) for alarm in alarms.active()] == [(12.0, 2)]
+
+
+def test_the_alarm_of_a_motor_that_takes_the_place_of_another_repeats_none_of_it() -> None:
+    alarms = engine()
+    run(alarms, (0, view(fault=OVERCURRENT)))
+    alarms.configure([], [FAN], 1, replaced_drives=["fan-1"])
+    run(alarms, (2, view(fault=OVERCURRENT)), (3, view()), (4, view(fault=OVERCURRENT)))
+    assert [(alarm.id, alarm.count) for alarm in alarms.active()] == [("a3", 2), ("a1", 1)]
+
+
+def test_an_incident_of_an_earlier_occurrence_is_not_shown_as_that_of_the_newest() -> None:
+    alarms = engine()
+    run(alarms, (0, view(fault=OVERCURRENT)))
+    alarms.attach_incident("a1", "c-1")
+    run(alarms, (1, view()), (2, view(fault=OVERCURRENT)))
+    assert alarms.active()[0].incident is None
 
 
 def test_an_alarm_leaves_the_list_once_cleared_and_acknowledged_in_either_order() -> None:
@@ -249,10 +313,10 @@ def test_shelving_applies_to_all_alarms_of_a_key_until_its_end_on_the_monotonic_
     assert (change.action, change.alarm.shelved_until_ms) == ("shelved", 130_000)
     assert (change.alarm.shelved_by, change.alarm.shelved_reason) == ("anna", "repaired")
     run(alarms, (20, view()), (21, view(fault=OVERCURRENT)))
-    assert [alarm.shelved_until_ms for alarm in alarms.active()] == [130_000, 130_000]
+    assert [alarm.shelved_until_ms for alarm in alarms.active()] == [130_000]
     assert alarms.counts("fan-1") == {}
     assert alarms.expire_shelves(129.9) == []
-    assert words(alarms.expire_shelves(130.0)) == ["unshelved fault", "unshelved fault"]
+    assert words(alarms.expire_shelves(130.0)) == ["unshelved fault"]
     assert alarms.counts("fan-1") == {"critical": 1}
 
 
@@ -330,11 +394,11 @@ def test_every_sentence_has_all_its_numbers() -> None:
     assert "Fan: output current is 12.346 A, above 10 A" in texts
 
 
-def test_a_chattering_alarm_fills_no_memory_and_the_log_has_all() -> None:
+def test_a_drive_that_reports_ever_other_faults_fills_no_memory_and_the_log_has_all() -> None:
     log = RecordingAlarmLog()
     alarms = AlarmEngine([], [FAN], log.put)
     for n in range(100):
-        run(alarms, (2 * n, view(fault=OVERCURRENT)), (2 * n + 1, view()))
+        run(alarms, (2 * n, view(fault={**OVERCURRENT, "code": n})), (2 * n + 1, view()))
     assert [alarm.id for alarm in alarms.active()] == [
         f"a{n}" for n in range(100, 100 - MAX_UNACKNOWLEDGED_PER_KEY, -1)
     ]

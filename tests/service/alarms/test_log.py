@@ -14,7 +14,7 @@ from drivebus.errors import InvalidParameters
 from drivebus.service.alarms import Alarm, AlarmEngine
 from drivebus.service.alarms import log as logs
 from drivebus.service.alarms.log import AlarmLog
-from fixtures.alarms import FAN, OVERCURRENT, view
+from fixtures.alarms import FAN, OVERCURRENT, RecordingAlarmLog, view
 
 ALL_TIME = {"from_ms": 0, "to_ms": 10**14}
 
@@ -42,9 +42,61 @@ def write_log(path: Path, count: int) -> AlarmEngine:
 def test_unacknowledged_alarms_survive_a_restart_and_numbers_continue(tmp_path: Path) -> None:
     before = write_log(tmp_path / "alarms.jsonl", 3)
     log = AlarmLog(tmp_path / "alarms.jsonl")
-    assert sorted(log.load(), key=lambda alarm: alarm.id) == sorted(before.active(), key=lambda alarm: alarm.id)
+    after = AlarmEngine([], [FAN], log.put, log.load(), first_number=log.next_number)
+    assert after.active() == before.active() and after.active()[0].count == 3
     assert log.next_number == 4
     assert AlarmLog(tmp_path / "nothing").load() == []
+
+
+def test_an_acknowledgement_of_a_repeated_alarm_acknowledges_each_occurrence_also_after_a_restart(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "alarms.jsonl"
+    write_log(path, 3)
+
+    async def acknowledge() -> None:
+        log = AlarmLog(path)
+        AlarmEngine([], [FAN], log.put, log.load(), first_number=log.next_number).acknowledge("a2", "li", 9_000)
+        await log.close()
+
+    asyncio.run(acknowledge())
+    log = AlarmLog(path)
+    assert [alarm.id for alarm in log.load()] == ["a3"], "it is not cleared yet"
+    found = [(one["id"], one["count"], one["acknowledged_by"]) for one in log.history(**ALL_TIME)["items"]]
+    assert found == [("a3", 3, "li"), ("a2", 2, "li"), ("a1", 1, "li")]
+
+
+def test_the_acknowledgement_of_one_fault_acknowledges_no_other_between(tmp_path: Path) -> None:
+    async def go() -> AlarmLog:
+        log = AlarmLog(tmp_path / "alarms.jsonl")
+        engine = AlarmEngine([], [FAN], log.put)
+        for n, code in enumerate([4, 5, 4]):
+            engine.observe(view(fault={**OVERCURRENT, "code": code}), n, 1000 * n)
+        engine.acknowledge("a3", "li", 9_000)
+        await log.close()
+        return log
+
+    found = asyncio.run(go()).history(**ALL_TIME)["items"]
+    assert [(one["id"], one["acknowledged_by"]) for one in found] == [("a3", "li"), ("a2", None), ("a1", "li")]
+
+
+def test_the_log_of_a_version_without_counts_becomes_one_entry(tmp_path: Path) -> None:
+    path = tmp_path / "alarms.jsonl"
+    write_log(path, 3)
+    names = ("count", "first_id", "first_raised_ms")
+    lines = [json.loads(line) for line in path.read_bytes().splitlines()]
+    path.write_text("".join(json.dumps({k: v for k, v in line.items() if k not in names}) + "\n" for line in lines))
+
+    async def go() -> None:
+        log = AlarmLog(path)
+        engine = AlarmEngine([], [FAN], log.put, log.load(), first_number=log.next_number)
+        (alarm,) = engine.active()
+        assert (alarm.count, alarm.first_id, alarm.first_raised_ms) == (3, "a1", 0)
+        engine.acknowledge("a3", "li", 9_000)
+        assert {one["acknowledged_by"] for one in log.history(**ALL_TIME)["items"]} == {"li"}
+        await log.close()
+
+    asyncio.run(go())
 
 
 @pytest.mark.parametrize("content", [b"\x80\x9f\xff\n", b"[]\n", b'{"id": 7}\n', b"[" * 100_000 + b"\n"])
@@ -150,6 +202,9 @@ WRONG_FIELDS: list[dict[str, Any]] = [
     {"drive": 5},
     {"subject": None},
     {"incident": 7},
+    {"count": "many"},
+    {"first_id": "x"},
+    {"first_raised_ms": None},
     {"text": {"en": 5, "zh": None}},
 ]
 
@@ -175,5 +230,7 @@ def test_an_alarm_whose_end_is_missing_in_the_log_is_cleared_where_a_later_one_i
     write_log(path, 1)
     first = json.loads(path.read_text().splitlines()[0])
     path.write_text("".join(json.dumps(first | {"id": id, "cleared_ms": None}) + "\n" for id in ("a1", "a2")))
-    engine = AlarmEngine([], [FAN], lambda alarm: None, AlarmLog(path).load(), now_ms=9)
-    assert {alarm.id: alarm.cleared_ms for alarm in engine.active()} == {"a1": 9, "a2": None}
+    log = RecordingAlarmLog()
+    engine = AlarmEngine([], [FAN], log.put, AlarmLog(path).load(), now_ms=9)
+    assert [(alarm.id, alarm.cleared_ms, alarm.count) for alarm in engine.active()] == [("a2", None, 2)]
+    assert [(alarm.id, alarm.cleared_ms) for alarm in log.alarms] == [("a1", 9)]

@@ -158,6 +158,31 @@ def test_a_trip_on_a_slow_bus_is_one_event_one_alarm_and_one_incident_with_its_c
     run(scenario())
 
 
+def test_a_trip_that_repeats_unacknowledged_is_one_alarm_whose_occurrences_keep_their_incidents(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with service_with_logs(tmp_path) as kit:
+            first = await trip(kit)
+            for _ in range(2):
+                kit.station("fan-1").motor.reset()
+                await asyncio.sleep(15)
+                kit.station("fan-1").trip(Trip.UNDERVOLTAGE)
+                await asyncio.sleep(15)
+            (alarm,) = await faults(kit)
+            assert (alarm["count"], alarm["first_id"], alarm["first_raised_ms"]) == (3, first["id"], first["raised_ms"])
+            text = Text.from_mapping(alarm["text"])
+            for count, times in ((2, 1), (3, 1), (1, 0)):
+                assert kit.drives_of_events("plant.alarm_raised_again", text=text, count=count) == ["fan-1"] * times
+            await kit.call("alarm.acknowledge", remote_actor(), alarm=first["id"])
+            history = (await kit.call("alarms.history", drive="fan-1"))["items"]
+            found = [one for one in history if one["kind"] == "fault"]
+            assert [one["acknowledged_by"] for one in found] == ["ann"] * 3
+            incidents = [await kit.call("incidents.get", incident=one["incident"]) for one in found]
+            assert [one["raised"]["raised_ms"] for one in incidents] == [one["raised_ms"] for one in found]
+            assert len({one["id"] for one in incidents}) == 3
+
+    run(scenario())
+
+
 def test_acknowledged_and_shelved_alarms_are_in_the_log_after_a_restart(tmp_path: Path) -> None:
     async def scenario() -> None:
         async with service_with_logs(tmp_path) as kit:

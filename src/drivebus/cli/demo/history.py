@@ -145,7 +145,7 @@ def past_alarms(drive: DriveConfig, profile: DriveProfile, events: Sequence[Demo
 def number_alarms(alarms: Iterable[Alarm]) -> list[Alarm]:
     """Return alarms in the order of their time, with ids that count up."""
     ordered = sorted(alarms, key=lambda alarm: alarm.raised_ms)
-    return [replace(alarm, id=f"a{number}") for number, alarm in enumerate(ordered, 1)]
+    return [replace(alarm, id=f"a{number}", first_id=f"a{number}") for number, alarm in enumerate(ordered, 1)]
 
 
 def trip_fault(profile: DriveProfile) -> Json:

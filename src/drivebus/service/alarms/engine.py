@@ -1,5 +1,8 @@
 """Alarm engine of a plant: raises, acknowledges, shelves and clears alarms (ISA-18.2). Pure: time is an argument.
 
+An alarm that is raised again before a user has acknowledged it takes the place of the earlier occurrence, with a count:
+the list has one entry, which is unacknowledged and active again. The log has each occurrence by its own id.
+
 ``now`` is in monotonic seconds and drives delays and shelving; ``now_ms`` is UTC and only shown, because the wall clock
 may be set at any time.
 """
@@ -85,7 +88,9 @@ DEFAULT_ALARMS = (
 )
 """Alarms of every drive for which the plant file configures none of that kind."""
 MAX_UNACKNOWLEDGED_PER_KEY = 20
-"""Cleared, unacknowledged alarms listed for one key, so that a chattering one cannot fill the memory."""
+"""Cleared, unacknowledged alarms listed for one key: a drive may report ever other faults."""
+MAX_REPEATED_IDS = 5_000
+"""Ids of earlier occurrences that still stand for their alarm: a user may act on what a page showed a moment ago."""
 AUTOMATIC_ACKNOWLEDGER = "drivebus"
 """Acknowledges alarms beyond ``MAX_UNACKNOWLEDGED_PER_KEY``; the alarm log keeps them."""
 
@@ -109,6 +114,10 @@ class AlarmEngine:
         self._next_number = first_number
         self._alarms: dict[str, Alarm] = {}
         self._uncleared: dict[AlarmKey, str] = {}
+        self._first_ids: dict[str, str] = {}
+        """Id of an occurrence that was repeated → id of the first one."""
+        self._of_former_motors: set[str] = set()
+        """Cleared alarms that no later one repeats: they are of a motor that a reload has replaced."""
         self._shelves = AlarmShelf()
         self._conditions: dict[str, list[AlarmCondition]] = {}
         self._titles: dict[str, Text] = {}
@@ -132,6 +141,9 @@ class AlarmEngine:
         """
         cleared = [change for key in self._shelves.of_drives(replaced_drives) for change in self._unshelve(key)]
         cleared += self._clear_where(lambda alarm: alarm.drive in replaced_drives, now_ms)
+        self._of_former_motors = {
+            id for id, one in self._alarms.items() if id in self._of_former_motors or one.drive in replaced_drives
+        }
         for drive in replaced_drives:
             self._conditions.pop(drive, None)
         old = {(one.setting, one.drive): one for conditions in self._conditions.values() for one in conditions}
@@ -165,9 +177,11 @@ class AlarmEngine:
         So is an older one of the same key, whose end is missing in a damaged log: nothing else would ever clear it.
         """
         self._shelves.restore(alarm, now, now_ms)
-        self._alarms[alarm.id] = alarm
         if alarm.cleared_ms is None:
             self._clear(alarm.key, now_ms)
+        alarm = self._fold(alarm)
+        self._alarms[alarm.id] = alarm
+        if alarm.cleared_ms is None:
             self._uncleared[alarm.key] = alarm.id
             if alarm.kind in SYSTEM_ALARM_KINDS:
                 self._clear(alarm.key, now_ms)
@@ -218,9 +232,22 @@ class AlarmEngine:
 
     def _raise(self, alarm: Alarm) -> list[AlarmChange]:
         self._next_number += 1
+        alarm = self._fold(alarm)
         self._uncleared[alarm.key] = alarm.id
         forgotten = self._acknowledge_excess(alarm)
         return [*forgotten, self._update("raised", alarm, **self._shelves.shelving(alarm.key).alarm_fields)]
+
+    def _fold(self, alarm: Alarm) -> Alarm:
+        """Let an occurrence take the place of an earlier, unacknowledged one, and return it with their count."""
+        for earlier in self._with_key(alarm.key):
+            is_open = earlier.cleared_ms is not None and earlier.id not in self._of_former_motors
+            if is_open and earlier.repeat_key == alarm.repeat_key:
+                alarm = alarm.repeating(earlier)
+                del self._alarms[earlier.id]
+                self._first_ids[earlier.id] = alarm.first_id
+        while len(self._first_ids) > MAX_REPEATED_IDS:
+            del self._first_ids[next(iter(self._first_ids))]
+        return alarm
 
     def _acknowledge_excess(self, alarm: Alarm) -> list[AlarmChange]:
         """Acknowledge the oldest cleared alarms of this key beyond ``MAX_UNACKNOWLEDGED_PER_KEY``."""
@@ -235,7 +262,7 @@ class AlarmEngine:
     # --- operator actions ------------------------------------------------------------------------------------------
 
     def acknowledge(self, id: str, by: str, now_ms: int) -> list[AlarmChange]:
-        """Acknowledge an alarm, if it is not acknowledged yet. Raises NotFound."""
+        """Acknowledge an alarm with its earlier occurrences, if it is not acknowledged yet. Raises NotFound."""
         alarm = self._get(id)
         return [] if alarm.acknowledged_ms is not None else [self._acknowledge(alarm, by, now_ms)]
 
@@ -263,13 +290,16 @@ class AlarmEngine:
         return self._update("acknowledged", alarm, acknowledged_ms=now_ms, acknowledged_by=by)
 
     def find(self, id: str) -> Alarm | None:
-        """Return an active alarm; None if there is none with this id."""
-        return self._alarms.get(id)
+        """Return an active alarm by the id of its newest occurrence, or of an earlier one; None if there is none."""
+        first_id = self._first_ids.get(id)
+        repeated = (one for one in self._alarms.values() if one.first_id == first_id)
+        return self._alarms.get(id) or next(repeated, None)
 
     def _get(self, id: str) -> Alarm:
-        if id not in self._alarms:
+        alarm = self.find(id)
+        if alarm is None:
             raise NotFound("alarms.unknown", alarm=id)
-        return self._alarms[id]
+        return alarm
 
     def _with_key(self, key: AlarmKey) -> list[Alarm]:
         return [one for one in self._alarms.values() if one.key == key]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 from drivebus.atomic_write import atomic_write_private, link_or_copy
@@ -76,9 +77,21 @@ class AlarmLog:
             self.damaged_copy = copy.name
 
     def put(self, alarm: Alarm) -> None:
-        """Queue a change. Never waits; call it on the event loop."""
-        self._remember(alarm)
-        self._writer.write_nowait(alarm)
+        """Queue a change, with the acknowledgement of earlier occurrences. Never waits; call it on the event loop."""
+        for changed in (*self._acknowledged_with(alarm), alarm):
+            self._remember(changed)
+            self._writer.write_nowait(changed)
+
+    def _acknowledged_with(self, alarm: Alarm) -> list[Alarm]:
+        """Return the earlier occurrences that the acknowledgement of an alarm acknowledges."""
+        if alarm.acknowledged_ms is None or alarm.count == 1:
+            return []
+        numbers = range(alarm_number(alarm.first_id), alarm_number(alarm.id))
+        return [
+            replace(one, acknowledged_ms=alarm.acknowledged_ms, acknowledged_by=alarm.acknowledged_by)
+            for one in self._alarms.values()
+            if one.acknowledged_ms is None and alarm_number(one.id) in numbers and one.repeat_key == alarm.repeat_key
+        ]
 
     async def close(self) -> None:
         await self._writer.close()
@@ -127,7 +140,7 @@ def _decode_line(line: bytes) -> Alarm | None:
     """Return the alarm of a line; None for a torn or damaged one."""
     try:
         alarm = Alarm.from_json(json.loads(line))
-        alarm_number(alarm.id)
+        alarm_number(alarm.id), alarm_number(alarm.first_id)
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
     return alarm

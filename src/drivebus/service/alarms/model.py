@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
-from drivebus.service.config.model import AlarmPriority
+from drivebus.service.config.model import AlarmKind, AlarmPriority
 from drivebus.service.live.views import text_json
 from drivebus.types import Json
 from drivebus.values import Text
@@ -83,6 +83,11 @@ class Alarm:
     remedy: Text = Text("", "")
     """What to do about it; empty in the log of an earlier version."""
     raised_ms: int
+    first_id: str
+    """Id of the first occurrence since the last acknowledgement: it stays while the alarm repeats."""
+    first_raised_ms: int
+    count: int = 1
+    """Occurrences since the last acknowledgement, this one included."""
     value: float | int | str | None = None
     """Value or fault code that raised it."""
     subject: str = ""
@@ -104,6 +109,20 @@ class Alarm:
         """Key; it contains kind and id, so that a configured id that equals a system kind hides no system alarm."""
         return (self.kind, self.setting, self.drive, self.subject)
 
+    @property
+    def repeat_key(self) -> tuple[AlarmKey, float | int | str | None]:
+        """Key of alarms that repeat each other; another fault is another alarm."""
+        return self.key, self.value if self.kind == AlarmKind.FAULT else None
+
+    def repeating(self, earlier: Alarm) -> Alarm:
+        """Return this alarm as a repetition of an unacknowledged one."""
+        return replace(
+            self,
+            first_id=earlier.first_id,
+            first_raised_ms=earlier.first_raised_ms,
+            count=max(self.count, earlier.count + 1),
+        )
+
     def as_json(self) -> Json:
         return {
             "id": self.id,
@@ -117,6 +136,9 @@ class Alarm:
             "value": self.value,
             "subject": self.subject,
             "raised_ms": self.raised_ms,
+            "first_id": self.first_id,
+            "first_raised_ms": self.first_raised_ms,
+            "count": self.count,
             "cleared_ms": self.cleared_ms,
             "acknowledged_ms": self.acknowledged_ms,
             "acknowledged_by": self.acknowledged_by,
@@ -132,6 +154,8 @@ class Alarm:
         texts: dict[str, Json] = {name: found[name] for name in ("title", "text", "remedy") if name in found}
         alarm = cls(
             **{
+                "first_id": found["id"],  # the log of an earlier version has no count
+                "first_raised_ms": found["raised_ms"],
                 **found,
                 "priority": AlarmPriority(found["priority"]),
                 **{name: Text(text["en"], text["zh"]) for name, text in texts.items()},
@@ -142,14 +166,14 @@ class Alarm:
 
     def _check_types(self) -> None:
         """Raise TypeError for a field of another type: the service would fail with it at its start."""
-        words = (self.id, self.setting, self.drive, self.kind, self.subject)
+        words = (self.id, self.first_id, self.setting, self.drive, self.kind, self.subject)
         optional_words = (self.acknowledged_by, self.shelved_by, self.shelved_reason, self.incident)
         texts = [text for one in (self.title, self.text, self.remedy) for text in (one.en, one.zh)]
         times = (self.cleared_ms, self.acknowledged_ms, self.shelved_until_ms)
         are_typed = (
             all(type(one) is str for one in (*words, *texts))
             and all(one is None or type(one) is str for one in optional_words)
-            and type(self.raised_ms) is int
+            and all(type(one) is int for one in (self.raised_ms, self.first_raised_ms, self.count))
             and all(one is None or type(one) is int for one in times)
             and (self.value is None or type(self.value) in (int, float, str))
         )

@@ -74,6 +74,8 @@ def configured_alarm(id: str, setting: AlarmConfig, drive: str, name: Text, foun
         text=bilingual_text(f"alarms.text.{sentence_of(setting, params)}", **params),
         remedy=_remedy(found.params or {}) or bilingual_text(f"alarms.remedy.{setting.kind}"),
         raised_ms=now_ms,
+        first_id=id,
+        first_raised_ms=now_ms,
         value=found.value,
     )
 
@@ -105,6 +107,8 @@ def system_alarm(
         text=bilingual_text(f"alarms.text.{sentence}", **named),
         remedy=bilingual_text(f"alarms.remedy.{kind}"),
         raised_ms=now_ms,
+        first_id=id,
+        first_raised_ms=now_ms,
         subject=subject,
     )
 

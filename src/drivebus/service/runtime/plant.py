@@ -305,7 +305,8 @@ class Plant:
             for listener in self._listeners:
                 listener.on_alarm(change)
         for word, alarm in ((change.action, change.alarm) for change in changes if change.action != "incident"):
-            text = localized(f"plant.alarm_{word}", {"text": alarm.text})
+            again = "_again" if word == "raised" and alarm.count > 1 else ""
+            text = localized(f"plant.alarm_{word}{again}", {"text": alarm.text, "count": alarm.count})
             actor = {"acknowledged": alarm.acknowledged_by, "shelved": alarm.shelved_by}.get(word)
             self.publish_event_text(
                 "alarm", alarm.drive or None, text, actor, word, log=alarm.kind not in SEPARATELY_LOGGED_ALARMS

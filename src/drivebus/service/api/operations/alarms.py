@@ -58,7 +58,8 @@ class AlarmObject(ApiObject):
     """An alarm; active until it is cleared and acknowledged. ``value``: what raised it; ``incident``: id of its record.
 
     ``setting``: id of its table in the plant file, or its ``kind``. ``drive`` is empty where it concerns none;
-    ``subject`` is then a bus, an interlock or a file.
+    ``subject`` is then a bus, an interlock or a file. An alarm that is raised again unacknowledged has a new ``id`` and
+    ``raised_ms``; ``count`` is the number of times, ``first_id`` and ``first_raised_ms`` are those of the first one.
     """
 
     id: str
@@ -72,6 +73,9 @@ class AlarmObject(ApiObject):
     value: float | int | str | None
     subject: str
     raised_ms: int
+    first_id: str
+    first_raised_ms: int
+    count: int
     cleared_ms: int | None
     acknowledged_ms: int | None
     acknowledged_by: str | None

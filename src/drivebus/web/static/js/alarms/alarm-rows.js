@@ -18,8 +18,8 @@ import { driveTitle } from "../titles.js";
 export function AlarmRows({ alarms, empty }) {
   if (alarms.length === 0) return html`<p class="nothing">${empty}</p>`;
   return html`<ul class="alarms">${groupAlarms(alarms).map((equal) => (equal.length === 1
-    ? html`<${AlarmRow} key=${equal[0].id} alarm=${equal[0]} />`
-    : html`<${GroupRow} key=${equal.at(-1).id} alarms=${equal} />`))}</ul>`;
+    ? html`<${AlarmRow} key=${equal[0].first_id} alarm=${equal[0]} />`
+    : html`<${GroupRow} key=${equal.at(-1).first_id} alarms=${equal} />`))}</ul>`;
 }
 
 const rowClass = (priority, acknowledged, cleared) => `alarmrow ${priority} ${acknowledged ? "acknowledged"
@@ -61,7 +61,7 @@ function GroupRow({ alarms }) {
     ${error && html`<div class="whole"><${ErrorNote} error=${error} /></div>`}
     <details class="whole" open=${open} onToggle=${(event) => setOpen(event.currentTarget.open)}>
       <summary>${t("page.alarm_group_each")}</summary>
-      ${open && html`<ul class="alarms">${alarms.map((alarm) => html`<${AlarmRow} key=${alarm.id} alarm=${alarm} />`)}
+      ${open && html`<ul class="alarms">${alarms.map((alarm) => html`<${AlarmRow} key=${alarm.first_id} alarm=${alarm} />`)}
         </ul>`}</details>
     ${shelving && html`<${ShelveDialog} alarms=${alarms} onClose=${() => setShelving(false)} />`}</li>`;
 }
@@ -78,7 +78,7 @@ function AlarmRow({ alarm }) {
     <div class="what"><strong>${localized(alarm.title)}</strong><span><${AlarmDetails} alarm=${alarm} /></span>
       <p>${withCommands(localized(alarm.text))}</p><${AlarmRemedy} alarm=${alarm} /></div>
     <div class="when"><${AlarmState} alarm=${alarm} />
-      <span>${raisedAgo(alarm)}</span><${ShelvedNote} alarm=${alarm} /></div>
+      <span>${raisedAgo(alarm)}</span><${Repetition} alarm=${alarm} /><${ShelvedNote} alarm=${alarm} /></div>
     <div class="do">
       ${able && !acknowledged && html`<${Button} kind="main" busy=${busy} disabled=${off} data-alarm="acknowledge"
         onClick=${() => execute(() => api.post(`${path}/acknowledge`))}>${t("page.acknowledge")}<//>`}
@@ -90,6 +90,10 @@ function AlarmRow({ alarm }) {
     ${error && html`<div class="whole"><${ErrorNote} error=${error} /></div>`}
     ${shelving && html`<${ShelveDialog} alarms=${[alarm]} onClose=${() => setShelving(false)} />`}</li>`;
 }
+
+/** How often an alarm was raised without being acknowledged, and when first. */
+const Repetition = ({ alarm }) => alarm.count > 1 && html`
+  <span>${t("page.alarm_repeated", { n: alarm.count, time: moment(alarm.first_raised_ms) })}</span>`;
 
 /** End, author and reason of a shelving. */
 const ShelvedNote = ({ alarm }) => isShelved(alarm) && html`

@@ -47,5 +47,5 @@ function StripAlarm({ equal, others }) {
     priority=${alarm.priority} />${cleared && html`<b class="state">${t("page.alarm_cleared")}</b>`}
     <a href=${way}>${withCommands(alarmLine(equal))}</a>
     ${others > 0 && html`<a class="more" href=${href("alarms")}>${t("page.more_alarms", { n: others })}</a>`}
-    ${may("operate") && html`<${Acknowledge} key=${equal.at(-1).id} alarms=${equal} />`}</div>`;
+    ${may("operate") && html`<${Acknowledge} key=${equal.at(-1).first_id} alarms=${equal} />`}</div>`;
 }
