@@ -61,7 +61,7 @@ class JogSession:
         A lost port ends it likewise, within the lease: no stop could be sent when it is released.
         """
         if self._timer is not None and self._runner.bus.now() > self._expires_at:
-            self._expire()  # the event loop or the machine was held up and the timer has not run yet
+            self.expire()  # the event loop or the machine was held up and the timer has not run yet
         if self.expired or self._timer is None:
             raise StartInhibited("drives.jog_lease_expired", lease_s=self.lease_s)
         if not self._runner.bus.is_open:
@@ -86,9 +86,10 @@ class JogSession:
         if self._timer is not None:
             self._timer.cancel()
         self._expires_at = self._runner.bus.now() + left_s
-        self._timer = asyncio.get_running_loop().call_later(left_s, self._expire)
+        self._timer = asyncio.get_running_loop().call_later(left_s, self.expire)
 
-    def _expire(self) -> None:
+    def expire(self) -> None:
+        """End the jog now, as where it is not renewed: its stop is queued."""
         self.expired, self._timer = True, None
         self._end()
 

@@ -17,6 +17,7 @@ from drivebus.service.api.dispatcher import Dispatcher
 from drivebus.service.api.handlers import bound_handlers
 from drivebus.service.api.queries import Queries
 from drivebus.service.audit.chain import AUDIT_FILE
+from drivebus.service.audit.records import SESSION_ENDED
 from drivebus.service.auth.actor import SERVICE_NAME, Actor, local_actor
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.control.comm_loss_test import CommLossTests
@@ -216,5 +217,14 @@ class Service:
         return self.plant.hub.subscribe(stream)
 
     async def record(self, entry: Json, actor: Actor) -> None:
-        """See ``ServiceClient.record``. Raises AuditUnavailable."""
+        """See ``ServiceClient.record``: of an ended session only where it had control, which ends first.
+
+        Raises AuditUnavailable.
+        """
+        if entry.get("what") == SESSION_ENDED:
+            drives = [*self.jogs.end_control(actor.session)]
+            drives += self.policies.end_control(actor.session, entry["params"]["ended_by"])
+            if not drives:
+                return
+            entry = {**entry, "params": {**entry["params"], "drives": [*dict.fromkeys(drives)]}}
         await self.dispatcher.record(entry, actor)

@@ -30,6 +30,7 @@ from drivebus.web.operations import WEB_OPERATIONS
 from drivebus.web.route import AccessRouter, Route, RouteTable
 from drivebus.web.routes import description, session, static_files, users
 from drivebus.web.service_health import ServiceHealth
+from drivebus.web.session_end import SessionEndWatch
 
 
 class _WebApp(FastAPI):
@@ -62,10 +63,12 @@ def make_app(client: ServiceClient, auth: AuthService, web: WebConfig) -> FastAP
     """Return the app of the page and the API."""
     routers = _routers()
     denials = DenialLog(client, auth.clock)
+    ends = SessionEndWatch(client)
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         yield
+        await ends.close()
         await denials.close()
 
     table = RouteTable(route for router in routers for route in router.routes)
@@ -83,6 +86,7 @@ def make_app(client: ServiceClient, auth: AuthService, web: WebConfig) -> FastAP
                 proxies=TrustedProxies(web.trusted_proxies),
                 denials=denials,
                 routes=table,
+                ends=ends,
             )
         ],
     )

@@ -14,6 +14,7 @@ from drivebus.web.middleware.auth import AuthMiddleware, client_address, session
 from drivebus.web.middleware.host_check import HostCheck
 from drivebus.web.middleware.trusted_proxies import TrustedProxies
 from drivebus.web.route import RouteTable
+from drivebus.web.session_end import SessionEndWatch
 from fixtures.web_app import PASSWORD, AppWebSocket, WebAppHarness
 
 
@@ -179,6 +180,7 @@ def test_the_middleware_forwards_lifespan_and_denies_a_handshake_without_an_orig
             proxies=TrustedProxies(()),
             denials=harness.denials,
             routes=RouteTable([]),
+            ends=SessionEndWatch(harness.service),
         )
         await guard({"type": "lifespan"}, nothing, nothing)
         assert received == ["lifespan"]

@@ -151,6 +151,9 @@ def _details(params: Mapping[str, Any]) -> Iterator[Text]:
         yield bilingual_text("audit.detail.save")
     if params.get("force") is True:
         yield bilingual_text("audit.detail.force")
+    ended_by = f"plant.session_ended.{params.get('ended_by')}"
+    if i18n.known(ended_by):
+        yield bilingual_text(ended_by)
     for name in ("reason", "note"):
         if isinstance(params.get(name), str):
             yield bilingual_text(f"audit.detail.{name}", value=params[name])

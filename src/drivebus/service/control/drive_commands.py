@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Awaitable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from math import inf
 from typing import Any
 
@@ -58,7 +57,7 @@ from drivebus.service.control.waivers import CommLossWaiver, waiver_key
 from drivebus.service.live.views import StopKind
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant, narrow_limits
-from drivebus.service.storage.settings import limits_key
+from drivebus.service.storage.settings import DriveIdentity, limits_key, limits_to_json
 from drivebus.types import Json
 from drivebus.values import Text
 
@@ -359,13 +358,14 @@ class DriveCommands:
                 "plant.limits", drive=runtime.id, minimum_hz=runtime.configured_range_hz[0], maximum_hz=highest
             )
         async with self._settings_lock:
-            runtime = await self._store_value(runtime, limits_key(runtime.id), json.dumps(asdict(own)))
+            identity = DriveIdentity.of(runtime.config, self.plant.bus_of(runtime).config)
+            runtime = await self._store_value(runtime, limits_key(runtime.id), limits_to_json(own, identity))
             runtime.limits_lost = False
             runtime.set_limits(narrow_limits(own, runtime.config.limits))
         self.plant.report_lost_limits()
         self.plant.publish_event("configuration", runtime.id, "plant.limited", actor=actor.name)
         low, high = runtime.drive.range_hz
-        return {"minimum_hz": low, "maximum_hz": high}
+        return {"minimum_hz": low, "maximum_hz": high, "note": self.plant.report_above_limit(runtime)}
 
 
 _REPEATED_STOP_KEYS = {

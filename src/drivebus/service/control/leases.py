@@ -120,6 +120,13 @@ class ControlLeases:
         before, self._replaced_expired = self._replaced_expired, []
         return before + over
 
+    def pop_session(self, session: str, now: float) -> list[ControlLease]:
+        """End the leases of a session and return them."""
+        held = [lease for drive in self._leases if (lease := self.get(drive, now)) and lease.actor.session == session]
+        for lease in held:
+            del self._leases[lease.drive]
+        return held
+
     def remove_drive(self, drive: str) -> None:
         """Drop the lease of a drive that was removed from the plant, or replaced. Idempotent."""
         self._leases.pop(drive, None)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any
 
 from drivebus.drives.state import DriveState, DriveStatus
@@ -33,17 +33,27 @@ class StopPolicies:
 
     def expire_leases(self, now: float) -> None:
         """Handle leases that have ended: stop the drive or leave it running, by its ``on_client_lost``."""
-        for lease in self.plant.leases.pop_expired(now):
+        self._on_leases_ended(self.plant.leases.pop_expired(now), "plant.lease_lost")
+
+    def end_control(self, session: str, ended_by: str) -> list[str]:
+        """End the control of a session that has ended, as at the end of its leases; return the drives."""
+        leases = self.plant.leases.pop_session(session, self.plant.now())
+        reason = bilingual_text(f"plant.session_ended.{ended_by}")
+        self._on_leases_ended(leases, "plant.lease_ended_with_session", reason=reason)
+        return [lease.drive for lease in leases]
+
+    def _on_leases_ended(self, leases: Sequence[ControlLease], key: str, **params: Any) -> None:
+        for lease in leases:
             runtime = self.plant.drives.get(lease.drive)
             if runtime is not None:
-                self._on_lease_expired(runtime, lease)
+                self._on_lease_ended(runtime, lease, key, params)
 
-    def _on_lease_expired(self, runtime: DriveRuntime, lease: ControlLease) -> None:
+    def _on_lease_ended(self, runtime: DriveRuntime, lease: ControlLease, key: str, params: Mapping[str, Any]) -> None:
         owner = lease.actor.name
         if not lease.claimed:
             self._on_hand_over_unused(runtime, owner)
             return
-        self.plant.publish_event("lease", runtime.id, "plant.lease_lost", actor=owner, owner=owner)
+        self.plant.publish_event("lease", runtime.id, key, actor=owner, owner=owner, **params)
         if not may_be_running(runtime) and not _state_lost(runtime):
             return
         if runtime.config.on_client_lost is OnClientLost.STOP:
@@ -73,7 +83,7 @@ class StopPolicies:
             else:
                 runtime.adopted = True
                 self.plant.raise_alarm(SystemAlarm.RUNNING_AT_START, runtime.id)
-        runtime.state_was_known = True
+        runtime.state_was_known, runtime.last_known_turning = True, state.turning
         if state.output_off and status.at is not None and status.at > runtime.last_motion_at + STANDSTILL_CONFIRM_S:
             if not runtime.drive.stop_pending:
                 self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)

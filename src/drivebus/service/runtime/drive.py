@@ -20,6 +20,8 @@ from drivebus.service.live.views import Sample, StopObject
 from drivebus.service.runtime.comm_loss import CommLossState
 from drivebus.values import Quality, Reading
 
+FREQUENCY_TOLERANCE_HZ = 0.1  # rounding of a frequency by the drive is no excess over a limit
+
 
 class DriveRuntime:
     """A drive of the plant. ``on_status`` is called with every new status of its monitor."""
@@ -68,6 +70,8 @@ class DriveRuntime:
         """Monotonic time at which its last start ended; infinite while one is under way."""
         self.state_was_known = False
         """Its state was known at least once since this service started."""
+        self.last_known_turning = False
+        """Its motor turned when its state was known last, whoever started it."""
         self.reported_unusable_reply = False
         """The event of its absence, or a later one, has named what it sends."""
         self.reported_presence: Presence | None = None
@@ -129,6 +133,16 @@ class DriveRuntime:
         model, file = self.profile.limits, self.config.limits
         highest = model.maximum_hz if file.maximum_hz is None else min(model.maximum_hz, file.maximum_hz)
         return max(model.minimum_hz, file.minimum_hz), highest
+
+    @property
+    def above_limit_hz(self) -> float | None:
+        """Return the frequency at which it runs, where that is above its limit: a lower limit slows no motor."""
+        status = self.status()
+        read = status.readings.get("output_frequency")
+        is_read = read is not None and read.quality is Quality.GOOD and isinstance(read.value, int | float)
+        frequency_hz = float(read.value) if is_read else self.commanded_hz  # type: ignore[union-attr, arg-type]
+        is_above = frequency_hz is not None and frequency_hz > self.drive.range_hz[1] + FREQUENCY_TOLERANCE_HZ
+        return frequency_hz if is_above and (self.runs_for_service or status.state.turning) else None
 
     def set_limits(self, own: DriveLimits | None) -> None:
         """Apply limits set by an engineer; None restores those of the configuration."""

@@ -18,7 +18,7 @@ from drivebus.service.api.errors import localized
 from drivebus.service.api.frames import frame_json
 from drivebus.service.audit import AuditTrail
 from drivebus.service.config.bus_load import profile_of
-from drivebus.service.config.model import AlarmKind, BusConfig, DriveConfig, GroupConfig, PlantConfig
+from drivebus.service.config.model import AlarmKind, BusConfig, DriveConfig, GroupConfig, PlantConfig, title_of
 from drivebus.service.control.comm_loss_record import CommLossRecord
 from drivebus.service.control.control_requests import ControlRequests
 from drivebus.service.control.leases import ArmTokens, ControlLeases, arm_target_of_test
@@ -32,7 +32,7 @@ from drivebus.service.runtime.bus import BusRuntime, TracedFrame
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.run_statistics import RunStatisticsStore
 from drivebus.service.runtime.utc_clock import UtcClock
-from drivebus.service.storage.settings import SETTINGS_FILE, StoredSettings
+from drivebus.service.storage.settings import SETTINGS_FILE, DriveIdentity, StoredSettings
 from drivebus.types import Json
 from drivebus.values import Text
 
@@ -328,13 +328,28 @@ class Plant:
     # --- what outlives the process ------------------------------------------------------------------------------
 
     def restore(self, runtime: DriveRuntime) -> None:
-        """Restore the stored waiver and limits of a drive. Where they can't be read, it has no waiver and no limits."""
+        """Restore the stored waiver and limits of a drive. Where they can't be read, it has no waiver and no limits.
+
+        Limits also hold for another motor of this name, because they can only narrow those of the configuration.
+        """
         settings = StoredSettings.of(self.store, runtime.id)
         self._restore_waiver(runtime, settings.waiver)
         self._restore_comm_loss_record(runtime, settings.comm_loss_record)
         runtime.limits_lost = settings.limits_lost
         own = settings.limits
         runtime.set_limits(None if own is None else narrow_limits(own, runtime.config.limits))
+        set_for, present = settings.limits_set_for, DriveIdentity.of(runtime.config, self.bus_of(runtime).config)
+        if set_for not in (None, present):
+            self.publish_event("configuration", runtime.id, "plant.limits_of_another", **asdict(set_for))
+
+    def report_above_limit(self, runtime: DriveRuntime) -> Json | None:
+        """Return a note, and publish it, where a drive runs above its new limit; None where it does not."""
+        frequency_hz, maximum_hz = runtime.above_limit_hz, runtime.drive.range_hz[1]
+        if frequency_hz is None:
+            return None
+        params: Json = {"frequency_hz": round(frequency_hz, 2), "maximum_hz": maximum_hz}
+        self.publish_event("configuration", runtime.id, "plant.above_limit", **params)
+        return localized("plant.above_limit_of", {"drive": title_of(runtime.config), **params})
 
     def report_lost_limits(self) -> None:
         """Raise an alarm while the limits of a drive are lost with their file, else clear it."""

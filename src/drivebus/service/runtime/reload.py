@@ -81,6 +81,7 @@ class ConfigReload:
             self._refuse_if_running(change)
             notes = address_notes(self.plant.config, new, self._unstarted_gateways())
             await self._apply(change, new)
+            notes += self._notes_of_limits(change)
         names = difference_json(change)
         later = sorted(RESTART_ONLY & change.others.keys())
         key = "plant.reloaded_but" if later else "plant.reloaded"
@@ -105,6 +106,15 @@ class ConfigReload:
         turning = [id for id in lost if may_be_running(self.plant.drives[id]) or self.plant.drives[id].drive.stopping]
         if turning:
             raise ServiceError("plant.reload_turning", drives=Text.join_names(turning))
+        other_motors = (*change.drives.removed, *change.drives.changed)  # not those whose port alone is another one
+        silent = [id for id in lost if id in other_motors and self.plant.drives[id].last_known_turning]
+        if silent:
+            raise ServiceError("plant.reload_last_turning", drives=Text.join_names(silent))
+
+    def _notes_of_limits(self, change: ConfigDiff) -> list[Json]:
+        """Return a note for each drive that runs above a limit that this reload has changed."""
+        drives = (self.plant.drives[id] for id in change.drives.changed)
+        return [note for runtime in drives if (note := self.plant.report_above_limit(runtime)) is not None]
 
     # --- applying -----------------------------------------------------------------------------------------------
 

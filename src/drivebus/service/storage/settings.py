@@ -10,12 +10,13 @@ import json
 import logging
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from drivebus import i18n
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.store import FileStore, Store
 from drivebus.errors import ConfigurationError
+from drivebus.service.config.model import BusConfig, DriveConfig
 from drivebus.service.control.comm_loss_record import CommLossRecord, record_key
 from drivebus.service.control.waivers import CommLossWaiver, waiver_key
 
@@ -23,6 +24,19 @@ SETTINGS_FILE = "plant.json"
 LOST_LIMITS_KEY = "lost-limits"
 """Key of the drives, as a JSON list, whose limits were lost with a file that was put aside."""
 LOG = logging.getLogger("drivebus.service")
+
+
+@dataclass(frozen=True, slots=True)
+class DriveIdentity:
+    """Model, port and address of a drive, which tell it from another one of its name."""
+
+    model: str
+    port: str
+    address: int
+
+    @classmethod
+    def of(cls, drive: DriveConfig, bus: BusConfig) -> DriveIdentity:
+        return cls(drive.model, bus.port, drive.address)
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,17 +48,19 @@ class StoredSettings:
     limits_lost: bool
     """Its limits can't be read, or were lost with a file that was put aside, and were not set again since."""
     comm_loss_record: CommLossRecord | None = None
+    limits_set_for: DriveIdentity | None = None
+    """The drive that its limits were set for; None where they are not set, or an earlier version stored them."""
 
     @classmethod
     def of(cls, store: Store, drive: str) -> StoredSettings:
         """Read the settings of a drive. Never raises: what can't be read permits nothing."""
         try:
             limits = store.get(limits_key(drive))
-            found = None if limits is None else _limits_from_json(limits)
+            found, identity = (None, None) if limits is None else _limits_from_json(limits)
             lost = limits is None and drive in _names_from_json(store.get(LOST_LIMITS_KEY) or "[]")
         except (ConfigurationError, ValueError, TypeError, OverflowError, RecursionError):
-            found, lost = None, True
-        return cls(_stored_waiver(store, drive), found, lost, _stored_record(store, drive))
+            found, identity, lost = None, None, True
+        return cls(_stored_waiver(store, drive), found, lost, _stored_record(store, drive), identity)
 
 
 def limits_key(drive: str) -> str:
@@ -52,11 +68,19 @@ def limits_key(drive: str) -> str:
     return f"limits/{drive}"
 
 
-def _limits_from_json(text: str) -> DriveLimits:
-    """Return stored limits. Raises ValueError, TypeError, OverflowError or ConfigurationError for anything else, also
-    where one is missing: its default might permit what an engineer forbade.
+def limits_to_json(limits: DriveLimits, identity: DriveIdentity) -> str:
+    """Return limits as they are stored, with the drive that they were set for."""
+    return json.dumps({**asdict(limits), "set_for": asdict(identity)})
+
+
+def _limits_from_json(text: str) -> tuple[DriveLimits, DriveIdentity | None]:
+    """Return stored limits and the drive that they were set for, if known.
+
+    Raises ValueError, TypeError, OverflowError or ConfigurationError for anything else, also where a limit is missing:
+    its default might permit what an engineer forbade.
     """
-    stored = json.loads(text)
+    stored = {**json.loads(text)}
+    identity = stored.pop("set_for", None)
     limits = DriveLimits(**stored)
     if missing := {"minimum_hz", "maximum_hz", "forward", "reverse"} - stored.keys():
         raise ValueError(f"without {', '.join(sorted(missing))}")
@@ -65,7 +89,7 @@ def _limits_from_json(text: str) -> DriveLimits:
         raise TypeError("a frequency is not a finite number")
     if type(limits.forward) is not bool or type(limits.reverse) is not bool:
         raise TypeError("a direction is neither true nor false")
-    return limits
+    return limits, None if identity is None else DriveIdentity(**identity)
 
 
 def _names_from_json(text: str) -> list[str]:

@@ -23,6 +23,7 @@ from drivebus.web.middleware.request_body import MAX_BODY_BYTES, MAX_PUBLIC_BODY
 from drivebus.web.middleware.session_expiry import run_until_credential_ends
 from drivebus.web.middleware.trusted_proxies import TrustedProxies
 from drivebus.web.route import READ_METHODS, WEBSOCKET, Route, RouteTable
+from drivebus.web.session_end import SessionEndWatch
 
 COOKIE_NAMES = ("__Host-drivebus", "drivebus_session")
 """The first over TLS, where the browser protects it by its prefix; the second over HTTP on this machine."""
@@ -42,6 +43,7 @@ class AuthMiddleware:
         proxies: TrustedProxies,
         denials: DenialLog,
         routes: RouteTable,
+        ends: SessionEndWatch,
     ) -> None:
         self.app = app
         self.auth = auth
@@ -49,6 +51,7 @@ class AuthMiddleware:
         self.proxies = proxies
         self.denials = denials
         self.routes = routes
+        self.ends = ends
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "lifespan":
@@ -163,6 +166,8 @@ class AuthMiddleware:
     async def _forward(
         self, route: Route, credential: Credential | None, scope: Scope, receive: Receive, send: Send
     ) -> None:
+        if credential is not None:
+            self.ends.watch(credential)
         if isinstance(credential, SessionCredential) and not route.background and route.method not in READ_METHODS:
             await self.auth.record_activity(credential.session)
         if scope["type"] == "websocket" and credential is not None:

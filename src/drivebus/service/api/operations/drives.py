@@ -225,10 +225,14 @@ class WaiverResponse(ApiObject):
 
 
 class LimitsResponse(ApiObject):
-    """Frequency range in force: the limits that were set, within those of the plant file and the model."""
+    """Frequency range in force: the limits that were set, within those of the plant file and the model.
+
+    ``note``: that the drive runs above it now, which slows no motor, or null.
+    """
 
     minimum_hz: float
     maximum_hz: float
+    note: LocalizedText | None
 
 
 DRIVES_LIST = Operation(

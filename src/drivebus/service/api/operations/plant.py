@@ -140,7 +140,7 @@ class ConfigurationCheckResponse(ApiObject):
 
 class ReloadResponse(ApiObject):
     """Difference that the reload applied; ``restart`` names the settings that take effect at the next start only.
-    ``notes``: gateways that move or end.
+    ``notes``: gateways that move or end, drives that run above a new limit.
     """
 
     difference: DifferenceObject

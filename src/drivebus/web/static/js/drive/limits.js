@@ -7,12 +7,22 @@ import { isLive } from "../live.js";
 import { may } from "../session.js";
 import { Button, Dialog, Field, FormEnd, useRequest } from "../ui.js";
 
+/** Rounding of a frequency by the drive is no excess. */
+const TOLERANCE_HZ = 0.1;
+
+/** Warning that the drive runs above its limit, or nothing. */
+function AboveLimit({ view }) {
+  const { value, quality } = view.signals.output_frequency ?? {};
+  return view.state === "running" && quality === "good" && value > view.maximum_hz + TOLERANCE_HZ
+    && html`<b>${t("page.limits_above", { frequency_hz: value })}</b>`;
+}
+
 /** Limits in force; an engineer may narrow them. */
 export function Limits({ view }) {
   const [open, setOpen] = useState(false);
   const [only, ...more] = view.directions;
   return html`<div class="row"><span>${t("page.limits_now", view)}${view.capabilities.includes("reverse")
-    && more.length === 0 && t("page.limits_only", { way: t(`drives.direction_${only}`) })}</span>
+    && more.length === 0 && t("page.limits_only", { way: t(`drives.direction_${only}`) })}</span><${AboveLimit} view=${view} />
     ${may("limit") && html`<${Button} kind="quiet" disabled=${!isLive.value} onClick=${() => setOpen(true)}>
       ${t("page.limits_change")}…<//>`}
     ${open && html`<${LimitsForm} view=${view} onClose=${() => setOpen(false)} />`}</div>`;

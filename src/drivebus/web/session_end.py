@@ -1,0 +1,40 @@
+"""``SessionEndWatch``: control of drives ends with the session or token that has it, not ten seconds later."""
+
+from __future__ import annotations
+
+import asyncio
+
+from drivebus.service.api.denial_log import AuditRecorder, try_record
+from drivebus.service.audit.records import SESSION_ENDED
+from drivebus.service.auth.credentials import Credential
+from drivebus.service.auth.rights import Right
+
+
+class SessionEndWatch:
+    """Reports to the service when a credential that may control drives ends, or loses that right."""
+
+    def __init__(self, client: AuditRecorder) -> None:
+        self._client = client
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        """By the session of the actor: at most one for each session and token."""
+
+    def watch(self, credential: Credential) -> None:
+        """Watch a credential that may control drives now. Idempotent."""
+        actor = credential.actor
+        if actor.may(Right.OPERATE) and actor.session not in self._tasks:
+            task = asyncio.create_task(self._report_end(credential), name=f"end of {actor.session}")
+            self._tasks[actor.session] = task
+            task.add_done_callback(lambda _: self._tasks.pop(actor.session, None))
+
+    async def _report_end(self, credential: Credential) -> None:
+        reason = await credential.wait_ended()
+        if credential.end_reason is not None or not credential.actor.may(Right.OPERATE):
+            entry = {"what": SESSION_ENDED, "target": "", "params": {"ended_by": reason}, "outcome": "done"}
+            await try_record(self._client, entry, credential.actor)
+
+    async def close(self) -> None:
+        """End the watch, at the end of the process: leases that nobody renews end by themselves."""
+        tasks = tuple(self._tasks.values())
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)

@@ -1,0 +1,113 @@
+"""A user who loses the right to control while controlling drives: it ends at once, and the audit trail says why."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from httpx import AsyncClient
+
+from drivebus.profiles.diagnostics import bilingual_text
+from drivebus.service.audit.description import described
+from drivebus.service.audit.records import SESSION_ENDED
+from drivebus.service.config.model import OnClientLost
+from drivebus.testing.virtual_time import run
+from fixtures.service import ServiceKit, plant_config, running_service
+from fixtures.web_app import WebAppHarness
+
+AT_ONCE_S = 1.0
+"""Less than the time of a lease, and enough for a stop of the simulated drive to be requested."""
+
+
+def on_a_plant(directory: Path, scenario: Callable[[ServiceKit, WebAppHarness], Awaitable[None]]) -> None:
+    async def whole() -> None:
+        found = plant_config()
+        drives = [replace(one, on_client_lost=OnClientLost.STOP) if one.id == "fan-1" else one for one in found.drives]
+        async with running_service(replace(found, drives=tuple(drives))) as kit:
+            harness = WebAppHarness(directory, service=kit.service)
+            await asyncio.sleep(5)
+            await kit.grant_waivers()
+            await scenario(kit, harness)
+
+    run(whole())
+
+
+async def start(client: AsyncClient, drive: str, action: str = "run") -> Any:
+    assert (await client.post(f"/api/v1/drives/{drive}/lease")).status_code == 200
+    arm = (await client.post(f"/api/v1/drives/{drive}/arm")).json()["arm_token"]
+    answer = await client.post(f"/api/v1/drives/{drive}/{action}", json={"frequency_hz": 5.0, "arm_token": arm})
+    assert answer.status_code == 200, answer.text
+    return answer.json()
+
+
+def ended_records(kit: ServiceKit) -> list[Any]:
+    return [one for one in kit.trail.entries if one.what == SESSION_ENDED]
+
+
+REMOVED, DISABLED = "removed", "disabled"
+
+
+@pytest.mark.parametrize("change", [REMOVED, DISABLED])
+def test_a_user_who_loses_the_rights_loses_control_at_once_and_each_drive_does_what_its_policy_says(
+    tmp_path: Path, change: str
+) -> None:
+    """The drives ran on under a removed user's control for up to ten seconds."""
+
+    async def scenario(kit: ServiceKit, harness: WebAppHarness) -> None:
+        user, chief = await harness.log_in("operator"), await harness.log_in("administrator")
+        for drive in ("fan-1", "fan-2"):
+            await start(user, drive)
+        path = "/api/v1/users/operator"
+        answer = await (chief.delete(path) if change == REMOVED else chief.patch(path, json={"disabled": True}))
+        assert answer.status_code == 200, answer.text
+        await asyncio.sleep(AT_ONCE_S)
+        plant = kit.service.plant
+        assert [plant.leases.get(drive, plant.now()) for drive in ("fan-1", "fan-2")] == [None, None]
+        reason = bilingual_text("plant.session_ended.rights")
+        ended = kit.drives_of_events("plant.lease_ended_with_session", owner="operator", reason=reason)
+        assert (ended, kit.drives_of_events("plant.lease_lost", owner="operator")) == (["fan-1", "fan-2"], [])
+        assert kit.drives_of_events("plant.stopped_client_lost", owner="operator") == ["fan-1"]
+        assert {one.kind: one.drive for one in plant.alarms.active()} == {"control_lost": "fan-2"}
+        (record,) = ended_records(kit)
+        assert (record.who, record.params["drives"]) == ("operator", ["fan-1", "fan-2"])
+        text = described({"what": record.what, "who": {"name": record.who}, "target": "", "params": record.params})
+        assert "user removed, disabled or changed" in text["text"]["en"]
+
+    on_a_plant(tmp_path, scenario)
+
+
+def test_a_jog_of_a_removed_user_is_stopped_at_once(tmp_path: Path) -> None:
+    async def scenario(kit: ServiceKit, harness: WebAppHarness) -> None:
+        user = await harness.log_in("operator")
+        jog = (await start(user, "fan-1", "jog"))["jog"]
+        harness.auth.user_file.change(lambda database: database.without_user("operator"))  # as the command line does
+        for _ in range(10):
+            await user.post(f"/api/v1/drives/fan-1/jog/{jog}/renew")
+            await asyncio.sleep(0.1)
+        assert kit.drives_of_events("plant.jog_ended_with_session") or kit.drives_of_events("plant.jog_lost")
+        assert (
+            kit.service.plant.drives["fan-1"].drive.stopping or not kit.service.plant.drives["fan-1"].runs_for_service
+        )
+
+    on_a_plant(tmp_path, scenario)
+
+
+def test_a_withdrawn_token_loses_control_at_once_and_another_session_keeps_its_own(tmp_path: Path) -> None:
+    async def scenario(kit: ServiceKit, harness: WebAppHarness) -> None:
+        secret = await harness.token("operator", "view", "stop", "operate")
+        await start(harness.client(authorization=f"Bearer {secret}"), "fan-1")
+        chief, idle = await harness.log_in("administrator"), await harness.log_in("operator")
+        await start(chief, "fan-2")
+        await idle.post("/api/v1/logout")
+        harness.auth.user_file.change(lambda found: found.without_token(found.tokens[0].id))
+        await asyncio.sleep(AT_ONCE_S)
+        assert kit.drives_of_events("plant.stopped_client_lost", owner="operator/t") == ["fan-1"]
+        plant = kit.service.plant
+        assert plant.leases.get("fan-2", plant.now()) is not None
+        assert [one.who for one in ended_records(kit)] == ["operator/t"], "a session without control leaves no record"
+
+    on_a_plant(tmp_path, scenario)
