@@ -21,16 +21,16 @@ class Alarms:
     def __init__(self, stage: Stage) -> None:
         self._stage = stage
 
-    def raise_for(self, *fans: str) -> None:
-        self._change(self._stage.service.plant.raise_alarm, fans)
+    def raise_for(self, *fans: str, subject: str = "fans") -> None:
+        self._change(self._stage.service.plant.raise_alarm, fans, subject)
 
-    def clear_for(self, *fans: str) -> None:
-        self._change(self._stage.service.plant.clear_alarm, fans)
+    def clear_for(self, *fans: str, subject: str = "fans") -> None:
+        self._change(self._stage.service.plant.clear_alarm, fans, subject)
 
-    def _change(self, change: Callable[..., None], fans: tuple[str, ...]) -> None:
+    def _change(self, change: Callable[..., None], fans: tuple[str, ...], subject: str) -> None:
         async def act() -> None:
             for fan in fans:
-                change(SystemAlarm.FOREIGN_MASTER, fan, subject="fans")
+                change(SystemAlarm.FOREIGN_MASTER, fan, subject=subject)
 
         self._stage.do(act)
 
@@ -194,3 +194,26 @@ def test_the_mark_of_an_alarm_that_moves_in_the_list_shows_whether_it_still_hold
     page = visit("#/alarms", role="operator")
     page.locator("h1").wait_for()
     assert page.evaluate(WRONG_MARKS) == []
+
+
+def test_the_row_of_an_alarm_that_repeats_stays_with_its_open_dialog_and_shows_the_count(
+    stage: Stage, visit: Any, alarms: Alarms
+) -> None:
+    """Each occurrence was a row of its own, twenty of them."""
+    expect = expecting()
+    alarms.raise_for("fan-2", subject="other")
+    page = visit("#/alarms", role="operator")
+    row = page.locator(".alarmrow:not(.group)", has_text="Extract fan")
+    row.get_by_role("button", name=i18n.text("page.shelve", "en")).click()
+    dialog = page.get_by_role("dialog")
+    dialog.wait_for()
+    for count in (2, 3):
+        alarms.clear_for("fan-2", subject="other")
+        alarms.raise_for("fan-2", subject="other")
+        expect(row).to_contain_text(i18n.text("page.alarm_repeated", "en", n=count, time="").partition(",")[0])
+    expect(row).to_have_count(1)
+    expect(dialog).to_be_visible()
+    page.keyboard.press("Escape")
+    row.get_by_role("button", name=i18n.text("page.acknowledge", "en")).click()
+    expect(row.locator(".alarmstate")).to_have_text(i18n.text("page.alarm_acknowledged", "en"))
+    alarms.clear_for("fan-2", subject="other")
