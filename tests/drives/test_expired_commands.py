@@ -11,17 +11,20 @@ from typing import Any
 import pytest
 
 from drivebus.bus.messages import BusRequest
+from drivebus.drives.operations.calibration_run import run_at_word
 from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContext
+from drivebus.drives.operations.direction_calibration import calibration_jog
 from drivebus.drives.operations.jog import begin_jog
 from drivebus.drives.operations.parameters import write_values
 from drivebus.drives.operations.reset import reset_fault
 from drivebus.drives.operations.setpoint import set_frequency
 from drivebus.drives.operations.start import run
+from drivebus.drives.operations.steps import DriveOperation, wait
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind
 from drivebus.drives.runner import bus_conditions
 from drivebus.drives.state import Direction
-from drivebus.errors import Expired, StartInhibited, Superseded
+from drivebus.errors import DrivebusError, Expired, StartInhibited, Superseded
 from drivebus.protocols import sunfar
 from drivebus.protocols.codec import Effect
 from fixtures.drives import FakeC320, FakeModbus, PureBus, SimulatedDrives, context_for, dialect_for, run_virtual
@@ -183,3 +186,63 @@ def test_a_jog_lease_expires_while_the_machine_is_suspended() -> None:
             assert lease.expired and not bench.station().motor.energised
 
     run_virtual(jogged())
+
+
+def run_once(op: OperationContext) -> DriveOperation[bool]:
+    """Run at a low word as a calibration does, and measure nothing."""
+
+    def measure() -> DriveOperation[bool | None]:
+        yield from wait(0.1)
+        return True
+
+    return (yield from run_at_word(op, 50, None, measure))
+
+
+def run_twice(op: OperationContext) -> DriveOperation[bool]:
+    """Run once more after the first run, as the calibration of a DZB100 does."""
+    yield from run_once(op)
+    return (yield from run_once(op))
+
+
+def c320_that_obeys() -> FakeC320:
+    def obeys(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
+        runs = request.operation is sunfar.SunfarOperation.RUN_FORWARD_AT
+        fake.state = sunfar.SunfarState.RUNNING_FORWARD if runs else sunfar.SunfarState.STOPPED
+        return fake.ok()
+
+    return FakeC320(on_command=obeys)
+
+
+def motions_asleep_over(model: str, operation: Any, nth: int) -> list[int]:
+    """Return the places of the frames that move, with the host suspended for an hour during transaction ``nth``."""
+    bus = world_of(model)
+    if model == "c320":
+        bus.station = c320_that_obeys()
+    moved: list[int] = []
+
+    def watch(ask: BusRequest) -> None:
+        if ask.permit is not None and ask.permit.effect is Effect.MOTION:
+            moved.append(len(bus.requests))
+        if len(bus.requests) == nth:
+            bus.pass_time(HOUR_S)
+
+    bus.on_request = watch
+    with contextlib.suppress(DrivebusError):
+        bus.run(operation(OperationContext(context_for(bus.dialect), 0, bus.now)))
+    return moved
+
+
+@pytest.mark.parametrize("model", ["c320", "vc660", "df800"])
+def test_no_calibration_turns_the_motor_an_hour_after_it_was_requested(model: str) -> None:
+    """The person beside the drive has left meanwhile. Each transaction before the motion is tried."""
+    operation = calibration_jog if model == "df800" else run_once
+    first = motions_asleep_over(model, operation, nth=0)[0]
+    assert first > 2
+    assert [motions_asleep_over(model, operation, nth) for nth in range(1, first)] == [[]] * (first - 1)
+
+
+def test_the_second_run_of_a_calibration_follows_the_first_but_not_an_hour_later() -> None:
+    first, second = motions_asleep_over("c320", run_twice, nth=0)
+    for nth in range(first + 1, second):
+        assert motions_asleep_over("c320", run_twice, nth) in ([first], [first, second])
+    assert motions_asleep_over("c320", run_twice, second - 1) == [first]

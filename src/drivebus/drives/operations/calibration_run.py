@@ -50,7 +50,7 @@ def run_at_word(
     if not op.dialect.start_includes_setpoint:
         yield from prepare_start(op)
         yield from _write_word(op, word, direction)
-    conditions = yield from get_bus_conditions()
+    conditions = yield from op.check_deadline()
     command = op.create_command(CommandKind.START, conditions)
     frames = op.dialect.start(direction, word)
     result = yield from send_frames(op, command, frames)
@@ -67,6 +67,7 @@ def run_at_word(
         except (BusError, ProtocolError, TargetNotReached) as unread:  # the motor turns: the stop comes first
             began = Text.per_language(unread.text)
     stopped = yield from stop(op, StopMode.STOP)
+    op.age.checks_started_at = (yield from get_bus_conditions()).now  # of a further run
     if measured is None or stopped.status is not OutcomeStatus.CONFIRMED:
         raise _failure(word, began, stopped)
     return measured

@@ -12,7 +12,7 @@ from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.jog import send_jog
 from drivebus.drives.operations.preflight import ensure_preflight
 from drivebus.drives.operations.setpoint import write_setpoint
-from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
+from drivebus.drives.operations.steps import DriveOperation, wait
 from drivebus.drives.operations.stop import stop
 from drivebus.drives.permissives import CommandKind
 from drivebus.drives.readings import ReadingPairs
@@ -35,7 +35,7 @@ def calibration_jog(
         raise LimitError("drives.above_maximum", frequency_hz=frequency_hz, limit_hz=MAX_CALIBRATION_JOG_HZ)
     word, actual_hz = op.check_frequency(frequency_hz)
     yield from ensure_preflight(op)
-    conditions = yield from get_bus_conditions()
+    conditions = yield from op.check_deadline()
     command = op.create_command(CommandKind.JOG, conditions)
     outcome = yield from write_setpoint(op, command, word, actual_hz)
     if outcome.succeeded:

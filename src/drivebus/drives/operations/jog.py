@@ -9,7 +9,7 @@ from drivebus.drives.context import DriveContext
 from drivebus.drives.dialects.base import CommandFrame, StopMode
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.start import check_readiness, send_frames
-from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions
+from drivebus.drives.operations.steps import DriveOperation
 from drivebus.drives.operations.stop import send_stop, stop
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.permissives import CommandKind
@@ -33,7 +33,6 @@ def begin_jog(op: OperationContext, frequency_hz: float | None, direction: Direc
     op.limits_checked = True
     yield from op.start_clock()
     yield from check_readiness(op)
-    yield from op.check_deadline()
     return (yield from send_jog(op, frames))
 
 
@@ -49,8 +48,11 @@ def check_jog(drive: DriveContext, frequency_hz: float | None, direction: Direct
 
 
 def send_jog(op: OperationContext, frames: tuple[CommandFrame, ...]) -> DriveOperation[Outcome]:
-    """Send the jog frame once; stop the drive unless it acknowledges the frame or rejects it."""
-    conditions = yield from get_bus_conditions()
+    """Send the jog frame once; stop the drive unless it acknowledges the frame or rejects it.
+
+    Raises Expired where the checks before it took too long.
+    """
+    conditions = yield from op.check_deadline()
     command = op.create_command(CommandKind.JOG, conditions)
     result = yield from send_frames(op, command, frames)
     refused = op.rejected_outcome(result)
