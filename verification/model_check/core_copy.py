@@ -163,7 +163,12 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
         "autodetect": "",
         "echo_count": "",
     },
-    UnsolicitedBytes: {"buffer": "many", "_foreign_request_times": "many", "last_byte_at": ""},
+    UnsolicitedBytes: {
+        "buffer": "many",
+        "_foreign_request_times": "many",
+        "foreign_request": "foreign request",
+        "last_byte_at": "",
+    },
     SilenceTimeout: {"_started_at": "", "_settings": ""},
     PollSchedule: {"heap": "", "_count": "", "_phase_count": "", "suspended": ""},
     ProbeBudget: {"allowed_at": ""},
@@ -258,6 +263,9 @@ _RULES: dict[str, Callable[[Any, Any, float, float], Any] | None] = {
     "until": time_until,
     "quiet": lambda when, core, now, _: min(now - when, core.settings.seconds(1)),
     "silence timeout": _silence_key,
+    "foreign request": lambda one, thing, now, far_s: (
+        one and (one.address, time_until(one.reply_until, one, now, far_s))
+    ),
     "there": lambda one, thing, now, _: one is not None,
     "many": lambda ones, thing, now, _: len(ones),
     "attempts": lambda attempts, prepared, now, _: attempts if prepared.priority is not RequestPriority.STOP else None,

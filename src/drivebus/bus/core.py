@@ -47,7 +47,9 @@ Why no late reply can be credited to another request:
    suspect in the last 5 s has answered a sync probe since, and no two drives share its address. Then it has come.
 9. A suspect station gets only stops, whose replies are not accepted, until its quarantine has passed: the maximum
    reply lateness of its model (``[timing]`` of the profile).
-10. The reply to its sync probe must not match any unanswered request of the last ``ANY_REPLY_LATENESS_S``
+10. The reply to another master's request could pass for one to ours. While it is due, only stops are sent. One that
+   does not come, or that a stop does not wait for, makes its station suspect (``_end_foreign_request``).
+11. The reply to its sync probe must not match any unanswered request of the last ``ANY_REPLY_LATENESS_S``
     (``_matches_older_request``). A station replies in order, so no older reply is on its way then.
 """
 
@@ -73,7 +75,14 @@ from drivebus.bus.station import Presence, Station, StationHealth, StationState,
 from drivebus.bus.statistics import BusStatistics, Counters, RecentActivity, bus_snapshot, merge_counters
 from drivebus.bus.trace import TraceEvent, TraceKind
 from drivebus.bus.transaction import Transaction
-from drivebus.bus.unsolicited import UnsolicitedBytes, UnsolicitedFrame, classify, decode_request_prefix, is_late_reply
+from drivebus.bus.unsolicited import (
+    UnsolicitedBytes,
+    UnsolicitedFrame,
+    classify,
+    decode_request_prefix,
+    foreign_request_to,
+    is_late_reply,
+)
 from drivebus.errors import (
     AddressError,
     ConfigurationError,
@@ -354,6 +363,7 @@ class BusCore:
         self._silent_since = max(now, self._silent_since)  # our last frame may still be on its way out
         self.echo.reset()
         self.unsolicited.drain()
+        self.unsolicited.foreign_request = None
         for station in self.stations.values():
             station.probe_backoff_s = station.next_probe_at = 0.0
         return self._advance(now)
@@ -421,6 +431,10 @@ class BusCore:
 
     def _send_next(self, now: float) -> None:
         """Choose a frame, wait for the gap, send. Each wake-up chooses again, so a stop is always sent first."""
+        foreign = self.unsolicited.foreign_request
+        if foreign is not None and now >= foreign.reply_until and not self.unsolicited.buffer:
+            self._end_foreign_request(now)
+            foreign = None
         prepared = self.scheduler.next(now)
         while self.scheduler.rejected:
             rejected, error = self.scheduler.rejected.pop(0)
@@ -428,12 +442,11 @@ class BusCore:
         unsolicited = self.unsolicited.buffer
         gap_s = prepared.gap_s if prepared is not None else self._max_gap_s() if unsolicited else 0.0
         at = self._silent_since + gap_s
-        if (
-            prepared is not None
-            and prepared.station.duplicate_reply_times
-            and prepared.priority is not RequestPriority.STOP
-        ):
-            at = max(at, prepared.station.next_allowed_at(now))
+        if prepared is not None and prepared.priority is not RequestPriority.STOP:
+            if prepared.station.duplicate_reply_times:
+                at = max(at, prepared.station.next_allowed_at(now))
+            if foreign is not None and not unsolicited:
+                at = max(at, foreign.reply_until)
         if now < at and (prepared is None or not self._silence_timeout.expired(prepared, now)):
             self.wake_at = at if prepared is None else min(at, self._silence_timeout.deadline(prepared, now))
             return
@@ -450,6 +463,8 @@ class BusCore:
 
     def _send(self, prepared: PreparedRequest, now: float) -> None:
         """Send a frame and open its transaction. The only place where a frame leaves."""
+        if self.unsolicited.foreign_request is not None:
+            self._end_foreign_request(now)
         self.scheduler.on_sent(prepared, now)
         self._silence_timeout.reset()
         prepared.attempts += 1
@@ -574,8 +589,10 @@ class BusCore:
         prepared, station = transaction.prepared, transaction.prepared.station
         self._count_failure(transaction, error, now)
         reason = failure_reason(transaction, error)
-        self._remember_unanswered(transaction, now)
-        self._detect_foreign_request(transaction, now)
+        self._remember_unanswered(
+            transaction.prepared.station, transaction.prepared.request, transaction.tx_end_at, now
+        )
+        self._detect_foreign_request(transaction, error, now)
         received = transaction.received_count > 0 or reason is not error
         if self.stations.get(station.address) is not station:  # removed meanwhile
             self._complete(prepared, error, transaction)
@@ -652,11 +669,10 @@ class BusCore:
         """Return whether each suspicion of the last 5 s, of any station, was refuted by a sync probe."""
         return all(now - station.suspect_since > ANY_REPLY_LATENESS_S for station in self.stations.values())
 
-    def _remember_unanswered(self, transaction: Transaction, now: float) -> None:
+    def _remember_unanswered(self, station: Station, request: Any, tx_end_at: float, now: float) -> None:
         """Record that the reply may still come, also where another frame was received and rejected in its place."""
-        station = transaction.prepared.station
         pending = [entry for entry in station.unanswered_requests if entry.until > now]
-        unanswered = UnansweredRequest(now + ANY_REPLY_LATENESS_S, transaction.prepared.request, transaction.tx_end_at)
+        unanswered = UnansweredRequest(now + ANY_REPLY_LATENESS_S, request, tx_end_at)
         station.unanswered_requests = [*pending, unanswered]
 
     def _mark_suspect(self, station: Station, now: float) -> None:
@@ -750,15 +766,35 @@ class BusCore:
         """Classify and count the bytes received outside a transaction, the bus being silent."""
         data = self.unsolicited.drain()
         received_at = self.unsolicited.last_byte_at
+        foreign = self.unsolicited.foreign_request
+        if foreign is not None and received_at > foreign.reply_until:
+            self._end_foreign_request(now)
         after_foreign_request = False
         while data:
-            frame = classify(data, self.stations.values(), after_foreign_request)
+            frame = classify(data, self.stations.values(), after_foreign_request, self.unsolicited.foreign_request)
             after_foreign_request = frame.kind is TraceKind.FOREIGN_REQUEST
             if after_foreign_request:
-                self.unsolicited.record_foreign_request(received_at)
+                self._record_foreign_request(data, received_at, now)
+            elif frame.kind is TraceKind.FOREIGN:
+                self.unsolicited.foreign_request = None
             self.echo.record_repeat(data[: frame.size])
             self._record_unsolicited(frame, data[: frame.size], received_at, now)
             data = data[frame.size :]
+
+    def _record_foreign_request(self, data: bytes, received_at: float, now: float) -> None:
+        """Record the request of another master at the start of ``data``, whose reply is due from now on."""
+        self._end_foreign_request(now)
+        self.unsolicited.record_foreign_request(received_at)
+        requests = (foreign_request_to(station, data, received_at, self.settings) for station in self.stations.values())
+        self.unsolicited.foreign_request = next((request for request in requests if request is not None), None)
+
+    def _end_foreign_request(self, now: float) -> None:
+        """Mark the station suspect that may still reply to another master."""
+        foreign, self.unsolicited.foreign_request = self.unsolicited.foreign_request, None
+        station = None if foreign is None else self.stations.get(foreign.address)
+        if foreign is not None and station is not None:
+            self._remember_unanswered(station, foreign.request, foreign.received_at, now)
+            self._mark_suspect(station, now)
 
     def _record_extra_bytes(self, transaction: Transaction, now: float) -> None:
         """Count the bytes of a transaction that do not belong to its reply."""
@@ -779,9 +815,14 @@ class BusCore:
         kind = TraceKind.LATE if late else TraceKind.FOREIGN
         self._record_unsolicited(UnsolicitedFrame(kind, station, None, len(data)), data, received_at, now)
 
-    def _detect_foreign_request(self, transaction: Transaction, now: float) -> None:
-        """Count a request of another master that was received in place of a reply; our own frame is excluded."""
+    def _detect_foreign_request(self, transaction: Transaction, error: Exception, now: float) -> None:
+        """Count a request of another master that was received in place of a reply, or right after it.
+
+        Our own frame is excluded.
+        """
         data, prepared = bytes(transaction.buffer), transaction.prepared
+        if isinstance(error, TrailingError) and isinstance(error.expected, int):
+            data = data[error.expected :]
         if not data or data == prepared.data:
             return
         request = decode_request_prefix(prepared.codec, data)
@@ -795,7 +836,7 @@ class BusCore:
         elif frame == prepared.station.last_frame:
             kind, station = TraceKind.DUPLICATE, prepared.station
         else:
-            self.unsolicited.record_foreign_request(now)
+            self._record_foreign_request(data, transaction.last_byte_at or now, now)
         is_alone = len(data) == request.size
         # Bytes after it may have come after a pause. Then only its earliest time is known, which overstates no delay.
         received_at = transaction.last_byte_at or now if is_alone else transaction.tx_end_at

@@ -12,20 +12,33 @@ from drivebus.bus.station import Station
 from drivebus.bus.trace import TraceKind
 from drivebus.errors import ProtocolError
 from drivebus.protocols.codec import Codec, Complete, DecodedFrame, Incomplete
+from drivebus.serial_settings import SerialSettings
 
 MAX_UNSOLICITED_BYTES = 512  # buffered until the bus is silent; the longest frame, of Modbus ASCII, has one more
 FOREIGN_REQUESTS_REQUIRED = 2  # one may be a corrupted frame, two make a second master
 FOREIGN_MASTER_WINDOW_S = 60.0  # a minute without a foreign request ends the foreign master
+MAX_FOREIGN_REPLY_WAIT_S = 0.5  # longest wait for the reply to a foreign request; half the time to wait for silence
+
+
+class ForeignRequest(NamedTuple):
+    """Request of another master to a station of ours. Its reply, still due, could pass for one to a request of ours."""
+
+    address: int
+    request: Any
+    received_at: float
+    reply_until: float
 
 
 class UnsolicitedBytes:
     """Buffer of unsolicited bytes, and the times of foreign requests."""
 
-    __slots__ = ("_foreign_request_times", "buffer", "last_byte_at")
+    __slots__ = ("_foreign_request_times", "buffer", "foreign_request", "last_byte_at")
 
     def __init__(self) -> None:
         self.buffer = bytearray()
         self.last_byte_at = 0.0
+        self.foreign_request: ForeignRequest | None = None
+        """The foreign request whose reply is due."""
         self._foreign_request_times: list[float] = []
 
     def add(self, data: bytes, now: float) -> None:
@@ -60,12 +73,21 @@ class UnsolicitedFrame(NamedTuple):
     size: int
 
 
-def classify(data: bytes, stations: Iterable[Station], after_foreign_request: bool) -> UnsolicitedFrame:
+def classify(
+    data: bytes, stations: Iterable[Station], after_foreign_request: bool, foreign_request: ForeignRequest | None = None
+) -> UnsolicitedFrame:
     """Classify the beginning of ``data``. ``after_foreign_request``: a reply is the reply to that request.
 
-    The mirrored reply of FC06 or FC08 is a valid request too, so our own last requests are compared first.
+    The mirrored reply of FC06 or FC08 is a valid request too, so the foreign request whose reply is due and our own
+    last requests are compared first.
     """
     known = tuple(stations)
+    for station in known:
+        if foreign_request is None or foreign_request.address != station.address:
+            continue
+        reply = station.decode_reply_to(foreign_request.request, data)
+        if reply is not None:
+            return UnsolicitedFrame(TraceKind.FOREIGN, station, reply.message, reply.size)
     for station in known:
         reply = None if station.last_request is None else station.decode_reply_to(station.last_request, data)
         if reply is not None:
@@ -92,7 +114,7 @@ def is_late_reply(station: Station, request: Any, frame: bytes) -> bool:
     Such a reply must not block its own drive as the request of a foreign master would.
     """
     codec = station.codec
-    request = getattr(request, "request", request)  # a C320 request is decoded with its operation beside it
+    request = _without_operation(request)
     if not station.state.is_suspect or codec.address_of(request) != station.address:
         return False
     try:
@@ -108,3 +130,22 @@ def decode_request_prefix(codec: Codec, data: bytes) -> DecodedFrame | None:
     except ProtocolError:
         return None
     return None if isinstance(result, Incomplete) else result
+
+
+def foreign_request_to(
+    station: Station, data: bytes, received_at: float, settings: SerialSettings
+) -> ForeignRequest | None:
+    """Return the request at the start of ``data`` if it addresses this station, with the time of the latest reply."""
+    codec, frame = station.codec, decode_request_prefix(station.codec, data)
+    if frame is None:
+        return None
+    request = _without_operation(frame.message)
+    if codec.address_of(request) != station.address:
+        return None
+    wait_s = min(station.config.timing.timeout_s(settings, codec.largest_reply(request)), MAX_FOREIGN_REPLY_WAIT_S)
+    return ForeignRequest(station.address, request, received_at, received_at + wait_s)
+
+
+def _without_operation(request: Any) -> Any:
+    """Return a decoded request; that of a C320 has its operation beside it."""
+    return getattr(request, "request", request)
