@@ -109,6 +109,7 @@ class OperationContext:
         self.stops_sent = 0  # stops that were given to the port
         self.port_error: PortLost | None = None  # of the last transaction, where it failed because of the port
         self.port_loss: PortLost | None = None  # of any transaction: it supersedes a command as a stop does
+        self.confirmed_setpoint: tuple[int, float] | None = None  # word and Hz of the last that was read back
         self.limits_checked = False  # frequency and direction are within the limits of drive and user
         self.overspeed_hz: float | None = None  # after a start from standstill: no output frequency may be above
         self.motion_seen = False  # at least one reading showed that the drive turns, and no stop was confirmed since
@@ -183,7 +184,8 @@ class OperationContext:
     def check_model(self) -> DriveOperation[UnconfirmedModel | None]:
         """Read whether the station is of this model, unless that is known; None where it is.
 
-        The word that stops one model starts another one at the same register.
+        The word that stops one model starts another one at the same register. A rejection shows no model: see
+        docs/explanation/bus-stop.md.
         """
         yield from self.void_checks_after_contact_loss()
         while (request := self.dialect.model_check()) is not None:

@@ -86,15 +86,35 @@ def read_back_setpoint(op: OperationContext, word: int, frequency_hz: float, ans
             break
         yield from wait(SETPOINT_READ_PAUSE_S)
     if matches:
+        op.confirmed_setpoint = word, frequency_hz
         return op.outcome(OutcomeStatus.CONFIRMED, "drives.setpoint_confirmed", frequency_hz=frequency_hz)
     if matches is False and _newest_read_matches(op, word, frequency_hz):  # one read alone proves nothing
         return op.outcome(OutcomeStatus.UNKNOWN, "drives.setpoint_unknown", frequency_hz=frequency_hz)
     if matches is False:
-        found = op.reading_pairs.latest["set_frequency"].value
-        return op.outcome(OutcomeStatus.FAILED, "drives.setpoint_differs", expected_hz=frequency_hz, found_hz=found)
+        return _differing_outcome(op, frequency_hz)
     if answered and error is None:
         return op.outcome(OutcomeStatus.ACKNOWLEDGED, "drives.setpoint_acknowledged", frequency_hz=frequency_hz)
     return op.outcome(OutcomeStatus.UNKNOWN, "drives.setpoint_unknown", frequency_hz=frequency_hz)
+
+
+def lost_setpoint_outcome(op: OperationContext) -> Outcome | None:
+    """Return the outcome of a drive that no longer shows the set frequency that it had confirmed, None of any other.
+
+    A drive that was without power for a moment has forgotten it, and runs at that of its keypad.
+    """
+    if op.confirmed_setpoint is None:
+        return None
+    word, frequency_hz = op.confirmed_setpoint
+    matches = op.dialect.setpoint_matches(op.reading_pairs, word, frequency_hz)
+    if matches is not False or _newest_read_matches(op, word, frequency_hz):
+        return None
+    op.drive.preflight = None  # its other settings may be lost too
+    return _differing_outcome(op, frequency_hz)
+
+
+def _differing_outcome(op: OperationContext, frequency_hz: float) -> Outcome:
+    found = op.reading_pairs.latest["set_frequency"].value
+    return op.outcome(OutcomeStatus.FAILED, "drives.setpoint_differs", expected_hz=frequency_hz, found_hz=found)
 
 
 def _newest_read_matches(op: OperationContext, word: int, frequency_hz: float) -> bool:

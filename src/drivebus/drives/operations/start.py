@@ -1,6 +1,6 @@
 """Run a drive: check, get a permit, send once, confirm by verified reads.
 
-A start that was not answered is resent only after a verified state shows standstill.
+A start that was not answered is resent only after a verified state shows standstill, with the frequency that was set.
 """
 
 from __future__ import annotations
@@ -15,7 +15,12 @@ from drivebus.drives.dialects.base import CommandFrame, Hold
 from drivebus.drives.operations.context import OperationContext, with_note
 from drivebus.drives.operations.preflight import ensure_preflight, recheck_maximum_frequency, record_model
 from drivebus.drives.operations.preparation import prepare_start
-from drivebus.drives.operations.setpoint import read_back_setpoint, set_frequency, write_setpoint
+from drivebus.drives.operations.setpoint import (
+    lost_setpoint_outcome,
+    read_back_setpoint,
+    set_frequency,
+    write_setpoint,
+)
 from drivebus.drives.operations.steps import BusConditions, DriveOperation, get_bus_conditions, wait
 from drivebus.drives.operations.stop import reported_text, stop
 from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
@@ -296,7 +301,7 @@ def confirm_start(
         if state in (DriveState.FAULT, DriveState.EMERGENCY_STOPPED, DriveState.NOT_READY) and not op.motion_seen:
             return op.outcome(OutcomeStatus.FAILED, "drives.start_failed", state=state)
         start_shown = op.motion_seen or op.dialect.confirms_start(op.reading_pairs)
-        may_resend = state is DriveState.STOPPED and not answered and not start_shown
+        may_resend = state is DriveState.STOPPED and not answered and not start_shown and not lost_setpoint_outcome(op)
         if may_resend and sent_again < MAX_RESENDS and now < command.created_at + COMMAND_TTL_S[CommandKind.START]:
             again = yield from resend_frames(op, command, frames)
             answered, sent_again = bool(again), MAX_RESENDS if again is None else sent_again + 1
@@ -309,7 +314,7 @@ def confirm_start(
 
 
 def _running_outcome(op: OperationContext, direction: Direction | None) -> Outcome:
-    wrong = _wrong_direction_outcome(op, direction)
+    wrong = _wrong_direction_outcome(op, direction) or lost_setpoint_outcome(op)
     return wrong or op.outcome(OutcomeStatus.CONFIRMED, "drives.start_confirmed", state=op.derived.state)
 
 
@@ -325,7 +330,10 @@ def _unconfirmed_outcome(op: OperationContext, state: DriveState) -> Outcome:
     if state is DriveState.UNKNOWN or state.turning:  # jogging, braking or decelerating by another command
         return op.outcome(OutcomeStatus.UNKNOWN, "drives.start_unknown")
     op.drive.preflight = None  # the next start checks again whether the drive accepts commands
-    return op.outcome(OutcomeStatus.FAILED, "drives.start_ignored", state=state, after_s=START_CONFIRM_TIMEOUT_S)
+    lost = lost_setpoint_outcome(op)
+    return lost or op.outcome(
+        OutcomeStatus.FAILED, "drives.start_ignored", state=state, after_s=START_CONFIRM_TIMEOUT_S
+    )
 
 
 def _check_setpoint(op: OperationContext, outcome: Outcome, word: int, frequency_hz: float) -> DriveOperation[Outcome]:

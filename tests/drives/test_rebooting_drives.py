@@ -1,0 +1,95 @@
+"""A drive that loses power for a moment: it answers again with its settings lost, stopped or running by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from drivebus.drives.operations.start import run
+from drivebus.drives.operations.stop import stop
+from drivebus.drives.outcome import Outcome, OutcomeStatus
+from drivebus.protocols import modbus
+from fixtures.drives import FakeModbus, PureBus, dialect_for, operation_for
+
+STOPPED, RUNNING = 0x0001, 0x0009
+KEYPAD_HZ_WORD = 5000
+OUTAGE_S = 0.6
+"""From the start to the first reply after it: a start may be resent for 2 s."""
+
+
+def vc660(on_command: Callable[[FakeModbus, int], bool]) -> PureBus:
+    return PureBus(dialect=dialect_for("vc660"), station=FakeModbus({0x3000: STOPPED, 1: 4}, on_command))
+
+
+def start(bus: PureBus) -> Outcome:
+    return bus.run(run(operation_for(bus.dialect), 10.0, None))
+
+
+def starts(bus: PureBus) -> int:
+    return len(bus.sent(modbus.WriteRegister, register=0x2000, value=1))
+
+
+def test_an_unanswered_start_is_not_resent_to_a_drive_that_has_lost_the_frequency() -> None:
+    """It would have run up to the 50 Hz of its keypad instead of 10 Hz."""
+
+    def reboots(fake: FakeModbus, word: int) -> bool:
+        fake.registers[0x3001] = KEYPAD_HZ_WORD
+        return False
+
+    bus = vc660(reboots)
+    outcome = start(bus)
+    assert starts(bus) == 1
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.setpoint_differs")
+    assert outcome.params == {"expected_hz": 10.0, "found_hz": 50.0}
+
+
+def test_an_unanswered_start_is_resent_to_a_drive_that_still_has_the_frequency() -> None:
+    def lost_once(fake: FakeModbus, word: int) -> bool:
+        if starts(bus) < 2:
+            return False
+        fake.registers[0x3000] = RUNNING
+        return True
+
+    bus = vc660(lost_once)
+    assert start(bus).status is OutcomeStatus.CONFIRMED and starts(bus) == 2
+
+
+def test_a_start_is_not_confirmed_of_a_drive_that_runs_by_itself_at_the_frequency_of_its_keypad() -> None:
+    """ "Run on power-up": the drive runs again after the interruption, but not at the frequency that was set."""
+
+    def reboots(fake: FakeModbus, word: int) -> bool:
+        fake.registers |= {0x3000: RUNNING, 0x3001: KEYPAD_HZ_WORD}
+        return True
+
+    outcome = start(vc660(reboots))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.setpoint_differs")
+    assert outcome.params["found_hz"] == 50.0
+
+
+def test_the_next_start_after_that_checks_the_settings_of_the_drive_again() -> None:
+    def reboots(fake: FakeModbus, word: int) -> bool:
+        fake.registers |= {0x3000: RUNNING, 0x3001: KEYPAD_HZ_WORD}
+        return True
+
+    bus = vc660(reboots)
+    op = operation_for(bus.dialect)
+    bus.run(run(op, 10.0, None))
+    assert op.drive.preflight is None
+
+
+@pytest.mark.parametrize("answers", [True, False])
+def test_a_stop_goes_on_where_the_drive_runs_by_itself_after_it(answers: bool) -> None:
+    """It executed the first stop, lost power, and came back running; only the stop after that one counts."""
+    stops: list[int] = []
+
+    def runs_on_power_up(fake: FakeModbus, word: int) -> bool:
+        if word & 2:
+            stops.append(word)
+            fake.registers[0x3000] = RUNNING if len(stops) < 3 else STOPPED
+        return answers or len(stops) >= 3
+
+    bus = vc660(runs_on_power_up)
+    bus.station.registers[0x3000] = RUNNING
+    outcome = bus.run(stop(operation_for(bus.dialect)))
+    assert outcome.status is OutcomeStatus.CONFIRMED and len(stops) >= 3
