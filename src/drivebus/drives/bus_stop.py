@@ -60,7 +60,8 @@ async def stop_bus(bus: Bus, drives: Sequence[Drive]) -> StopReport:
 async def _broadcast(bus: Bus, drives: Sequence[Drive]) -> tuple[FrameExchange, ...]:
     """Send one broadcast per different frame.
 
-    A stop that may start another model is broadcast only where every drive of the bus has answered as its model.
+    A stop that may start another model is broadcast only where every drive of the bus has answered as its model. One
+    that is switched off may have been exchanged, and the new one may have any address.
     """
     requests: dict[bytes, BusRequest] = {}
     has_unproved_model = not all(drive.is_model_known for drive in drives)
