@@ -6,11 +6,14 @@ import asyncio
 import contextlib
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from drivebus.bus.messages import BusRequest
+from drivebus.bus.trace import TraceEvent, TraceKind
+from drivebus.drives import Drive
 from drivebus.drives.operations.calibration_run import run_at_word
 from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContext
 from drivebus.drives.operations.direction_calibration import calibration_jog
@@ -20,14 +23,17 @@ from drivebus.drives.operations.reset import reset_fault
 from drivebus.drives.operations.setpoint import set_frequency
 from drivebus.drives.operations.start import run
 from drivebus.drives.operations.steps import DriveOperation, wait
+from drivebus.drives.operations.stop import STOP_PROGRESS_TIMEOUT_S
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind
 from drivebus.drives.runner import bus_conditions
 from drivebus.drives.state import Direction
-from drivebus.errors import DrivebusError, Expired, StartInhibited, Superseded
+from drivebus.errors import DrivebusError, Expired, StartInhibited, StopUnconfirmed, Superseded
 from drivebus.protocols import sunfar
 from drivebus.protocols.codec import Effect
+from drivebus.testing.virtual_time import VirtualLoop, running
 from fixtures.drives import FakeC320, FakeModbus, PureBus, SimulatedDrives, context_for, dialect_for, run_virtual
+from verification.fault_injection.clocks import suspend_host
 
 HOUR_S = 3600.0
 
@@ -246,3 +252,45 @@ def test_the_second_run_of_a_calibration_follows_the_first_but_not_an_hour_later
     for nth in range(first + 1, second):
         assert motions_asleep_over("c320", run_twice, nth) in ([first], [first, second])
     assert motions_asleep_over("c320", run_twice, second - 1) == [first]
+
+
+@pytest.mark.parametrize("suspended", [False, True], ids=["frozen process", "standby"])
+@pytest.mark.parametrize("seconds", [3.0, 30.0, 600.0])
+@pytest.mark.parametrize("ignores_stops", [False, True])
+def test_a_stop_during_which_the_machine_slept_begins_anew(
+    seconds: float, suspended: bool, ignores_stops: bool
+) -> None:
+    """It ended as "the drive still reported running", which only the reads before the standby had shown."""
+    loop = VirtualLoop()
+    bench = SimulatedDrives("c320", query="echo=off&ramp=1")
+
+    async def begin() -> Drive:
+        await bench.bus.open()
+        drive = bench.drive()
+        await drive.run(20.0)
+        await asyncio.sleep(1)
+        return drive
+
+    drive = loop.run_until_complete(begin())
+    frames: list[TraceEvent] = []
+    with running(loop):
+        bench.bus.trace(lambda event: frames.append(event) if event.kind is TraceKind.SENT else None)
+        station = bench.station()
+        if ignores_stops:
+            station._stop = lambda jog_only: None
+        stopping = loop.create_task(drive.stop())
+    loop.run_until(loop.time() + 0.3)
+    suspend_host(SimpleNamespace(port=bench.port, loop=loop), seconds, suspended=suspended, reader_first=True)
+    woke_at = loop.time()
+    if ignores_stops:
+        with pytest.raises(StopUnconfirmed):
+            loop.run_until_complete(stopping)
+        assert loop.time() - woke_at > STOP_PROGRESS_TIMEOUT_S - 0.01 and drive.stop_pending
+    else:
+        assert loop.run_until_complete(stopping).status is OutcomeStatus.CONFIRMED
+        assert not drive.stop_pending and not station.motor.energised
+    stops = [event.time for event in frames if drive.dialect.station_config.effect_of(event.data) is Effect.STOP]
+    waits_s = [at - woke_at for at in stops if at >= woke_at]
+    assert suspended or waits_s[0] < 0.06, "one read may go before it"
+    with running(loop):
+        drive.close()

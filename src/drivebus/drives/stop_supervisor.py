@@ -19,6 +19,7 @@ from drivebus.drives.runner import OperationRunner
 T = TypeVar("T")
 
 STOP_REPEAT_INTERVAL_S = 1.0  # an unconfirmed stop is repeated until it is confirmed or a motion command comes
+HOST_STALL_S = 0.5  # a host that notices a deadline so late was suspended; a busy one is less late
 MIN_WAIT_S = 1e-6  # a shorter wait may not show on the clock of an event loop
 
 
@@ -51,13 +52,9 @@ class StopSupervisor:
         ``drive_count``: number of drives on the bus that are stopped at the same time and read in turns.
         """
         self._runner.drive.require_capability(mode.value)
-        self.cancel_repetition()
-        op = OperationContext(self._runner.drive)
-        progress = StopProgress(op, self._runner.bus.now(), drive_count)
-        operation = stop_operation.stop(op, mode, wait_confirmed=wait, progress=progress)
-        first_result = self._runner.submit_first(operation)
-        task = self.start_stop(operation, mode, first_result)
-        outcome = await self._result_by_deadline(task, op, progress, mode)
+        outcome: Outcome | None = None
+        while outcome is None:
+            outcome = await self._stop_once(mode, wait, drive_count)
         if outcome.key == "drives.stop_answered":  # all that a caller who does not ``wait`` asks for
             return outcome
         return raise_for_status(outcome, stop=True)
@@ -81,18 +78,29 @@ class StopSupervisor:
             self.start_repetition(mode)
         return outcome
 
-    async def _result_by_deadline(
-        self, task: asyncio.Task[Outcome], op: OperationContext, progress: StopProgress, mode: StopMode
-    ) -> Outcome:
-        """Return the outcome of a stop, at its deadline as unconfirmed: its reads may still wait for their turn."""
+    async def _stop_once(self, mode: StopMode, wait: bool, drive_count: int) -> Outcome | None:
+        """Return the outcome of a stop, at its deadline as unconfirmed: its reads may still wait for their turn.
+
+        None where the host was suspended until after the deadline. The reports of the drive are from before that, so
+        the stop begins anew.
+        """
+        self.cancel_repetition()
+        bus, op = self._runner.bus, OperationContext(self._runner.drive)
+        progress = StopProgress(op, bus.now(), drive_count)
+        operation = stop_operation.stop(op, mode, wait_confirmed=wait, progress=progress)
+        task = self.start_stop(operation, mode, self._runner.submit_first(operation))
         while not task.done():
-            left_s = progress.deadline - self._runner.bus.now()
+            left_s = progress.deadline - bus.now()
             if left_s <= MIN_WAIT_S:
                 task.cancel()
+                if left_s < -HOST_STALL_S:
+                    return None
                 self.start_repetition(mode)
                 return stop_operation.unconfirmed_outcome(op)
             await asyncio.wait({task}, timeout=left_s)
-        return task.result()
+        outcome = task.result()
+        was_suspended = bus.now() > progress.deadline + HOST_STALL_S
+        return None if was_suspended and self.pending else outcome
 
     def _on_stop_ended(self, task: asyncio.Task[Outcome]) -> None:
         """Retrieve the exception: a stop whose caller is gone may end with its drive's registration."""
