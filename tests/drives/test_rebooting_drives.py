@@ -6,6 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
+from drivebus.bus.messages import BusRequest
+from drivebus.drives.operations.context import VERIFICATION_ROUNDS
 from drivebus.drives.operations.start import run
 from drivebus.drives.operations.stop import stop
 from drivebus.drives.outcome import Outcome, OutcomeStatus
@@ -14,8 +16,6 @@ from fixtures.drives import FakeModbus, PureBus, dialect_for, operation_for
 
 STOPPED, RUNNING = 0x0001, 0x0009
 KEYPAD_HZ_WORD = 5000
-OUTAGE_S = 0.6
-"""From the start to the first reply after it: a start may be resent for 2 s."""
 
 
 def vc660(on_command: Callable[[FakeModbus, int], bool]) -> PureBus:
@@ -28,6 +28,22 @@ def start(bus: PureBus) -> Outcome:
 
 def starts(bus: PureBus) -> int:
     return len(bus.sent(modbus.WriteRegister, register=0x2000, value=1))
+
+
+def test_no_start_is_sent_to_a_drive_that_has_lost_the_frequency_since_it_confirmed_it() -> None:
+    """The state before the start shows it: 50 Hz of the keypad instead of 10 Hz."""
+    bus = vc660(lambda fake, word: True)
+
+    def reboots_after_the_read_back(ask: BusRequest) -> None:
+        reads = bus.sent(modbus.ReadRegisters, register=0x3001)
+        if len(reads) == VERIFICATION_ROUNDS and bus.sent(modbus.WriteRegister, register=0x2001):
+            bus.station.registers[0x3001] = KEYPAD_HZ_WORD
+
+    bus.on_request = reboots_after_the_read_back
+    outcome = start(bus)
+    assert starts(bus) == 0
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_started")
+    assert outcome.params["why"].key == "drives.setpoint_differs"
 
 
 def test_an_unanswered_start_is_not_resent_to_a_drive_that_has_lost_the_frequency() -> None:

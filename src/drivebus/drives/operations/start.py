@@ -213,6 +213,8 @@ def _start_from_standstill(
         yield from recheck_maximum_frequency(op)
         if op.dialect.reports_run_state:
             yield from op.require_state()
+        if (lost := lost_setpoint_outcome(op)) is not None:
+            return _not_started_outcome(lost)
         return (yield from _send_start(op, frequency_hz, direction, word, kind))
     except (StartInhibited, PreflightError, Expired) as withheld:  # the frequency was sent, the start not
         return op.outcome(OutcomeStatus.FAILED, "drives.not_started", why=withheld)
