@@ -19,6 +19,7 @@ from drivebus.bus.prepared_request import Poll
 from drivebus.bus.station import Presence, StationHealth
 from drivebus.bus.statistics import BusStatistics
 from drivebus.bus.trace import TraceEvent
+from drivebus.bus.transaction_future import TransactionFuture
 from drivebus.errors import DrivebusError, PortLost, PortUnavailable, SystemReason
 from drivebus.ports.base import PausableReader, PendingReader, Port
 from drivebus.serial_settings import SerialSettings
@@ -223,7 +224,8 @@ class Bus:
 
         Cancelled while it waits in a queue, it is never sent; while its frame is on the wire, its result is dropped.
         """
-        future = self.submit(bus_request)
+        future = TransactionFuture(loop=self._loop)
+        self._perform(self.core.submit(bus_request, future, self.now()))
         try:
             return await future
         except asyncio.CancelledError:
@@ -277,9 +279,9 @@ class Bus:
         if self._loop is None or not self.core.is_open:
             return
         assert self._clock is not None
-        self._perform(self.core.on_port_lost(error, self._clock()))
         if self._reopening is None or self._reopening.done():
             self._reopening = self._loop.create_task(self._reopen(), name=f"reopen {self.name}")
+        self._perform(self.core.on_port_lost(error, self._clock()))  # last: a task that it fails may close the bus
 
     async def _reopen(self) -> None:
         """Try to open the port until it is open and not lost by its first frame."""
