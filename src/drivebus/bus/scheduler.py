@@ -27,6 +27,7 @@ from drivebus.errors import Expired
 from drivebus.protocols.codec import Effect
 from drivebus.serial_settings import SerialSettings
 
+STOP, COMMAND, PARAMETER, POLL, PROBE = RequestPriority  # reading a member from its class takes four times as long
 NEVER = float("inf")
 MAX_COMMANDS_IN_ROW = 4  # then a waiting parameter request, sync probe or poll goes first
 MAX_POLLS_IN_ROW = 9  # then a waiting request of priority probe goes first
@@ -150,7 +151,7 @@ class Scheduler:
 
     def requeue(self, prepared: PreparedRequest) -> None:
         """Queue one more attempt: first of its priority, but a stop lets the stops of other drives go first."""
-        if prepared.priority is RequestPriority.STOP:
+        if prepared.priority is STOP:
             self.queues[prepared.priority].append(prepared)
         else:
             self.queues[prepared.priority].appendleft(prepared)
@@ -195,15 +196,15 @@ class Scheduler:
                 prepared.retry_queued = False
             self.queues[prepared.priority].remove(prepared)
         priority = prepared.priority
-        if priority is RequestPriority.STOP and not prepared.is_broadcast:
+        if priority is STOP and not prepared.is_broadcast:
             self._last_stop_at[prepared.station] = now
-        urgent = priority is RequestPriority.PARAMETER or priority is RequestPriority.COMMAND
+        urgent = priority is PARAMETER or priority is COMMAND
         self._urgent_in_row = self._urgent_in_row + 1 if urgent else 0
-        if priority is RequestPriority.PARAMETER:
+        if priority is PARAMETER:
             self._commands_in_row = 0
-        elif priority is RequestPriority.COMMAND and self.queues[RequestPriority.PARAMETER]:
+        elif priority is COMMAND and self.queues[PARAMETER]:
             self._commands_in_row += 1
-        self._polls_in_row = self._polls_in_row + 1 if priority is RequestPriority.POLL else 0
+        self._polls_in_row = self._polls_in_row + 1 if priority is POLL else 0
 
     def remove_if(self, unwanted: Callable[[PreparedRequest], bool]) -> list[PreparedRequest]:
         """Remove requests from the queues (not from the poll schedule) and return them."""
@@ -286,7 +287,7 @@ class Scheduler:
 
     def _stop_order(self, prepared: PreparedRequest) -> tuple[bool, bool, float]:
         """Sort key of stops; equal ones stay in the order of their requests."""
-        other_priority = prepared.bus_request.priority is not RequestPriority.STOP
+        other_priority = prepared.bus_request.priority is not STOP
         return other_priority, not prepared.is_broadcast, self._last_stop_at.get(prepared.station, 0.0)
 
     def _next_background(self, polls: deque[PreparedRequest], now: float) -> PreparedRequest | None:
@@ -318,7 +319,7 @@ class Scheduler:
         pending = self._pending_sync_probes.get(station)
         if pending is None:
             request = station.next_sync_request(now)
-            bus_request = BusRequest(station=station.address, request=request, priority=RequestPriority.PROBE)
+            bus_request = BusRequest(station=station.address, request=request, priority=PROBE)
             pending = PreparedRequest(bus_request, None, station, self._settings, is_sync_probe=True)
             self._pending_sync_probes[station] = pending
         return pending
@@ -334,4 +335,4 @@ def _sync_due_since(station: Station) -> float:
 
 def _is_command(prepared: PreparedRequest) -> bool:
     """Return whether a stop of its station withdraws the request; a stop has another priority, whatever was given."""
-    return prepared.priority is RequestPriority.COMMAND or prepared.effect is Effect.MOTION
+    return prepared.priority is COMMAND or prepared.effect is Effect.MOTION

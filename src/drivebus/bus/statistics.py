@@ -159,41 +159,31 @@ class BusShare(NamedTuple):
     transactions_per_s: float = 0.0
 
 
-class RecentTransaction(NamedTuple):
-    """Bus time of an ended transaction."""
-
-    ended_at: float
-    wire_s: float
-    """Time of its bytes on the wire, in either direction."""
-    occupied_s: float
-    """Time in which no other frame could be sent."""
-    station: Counters
-
-
 class RecentActivity:
     """The most recent transactions of a bus."""
 
     __slots__ = ("_recent",)
 
     def __init__(self) -> None:
-        self._recent: deque[RecentTransaction] = deque(maxlen=RECENT_TRANSACTIONS)
+        self._recent: deque[tuple[float, float, float, Counters]] = deque(maxlen=RECENT_TRANSACTIONS)
+        """The arguments of ``add``."""
 
-    def add(self, now: float, wire_s: float, occupied_s: float, station: Counters) -> None:
-        """Add a transaction that ended at ``now``."""
-        self._recent.append(RecentTransaction(now, wire_s, occupied_s, station))
+    def add(self, ended_at: float, wire_s: float, occupied_s: float, station: Counters) -> None:
+        """Add a transaction: the time of its bytes on the wire, and the time in which no other frame could be sent."""
+        self._recent.append((ended_at, wire_s, occupied_s, station))
 
     def shares(self, now: float, since: float) -> dict[Counters | None, BusShare]:
         """Return the shares of the whole bus (None) and of each station, over the last minute at most."""
         started_at = max(since, now - LOAD_WINDOW_S)
-        recent = [transaction for transaction in self._recent if transaction.ended_at > started_at]
+        recent = [transaction for transaction in self._recent if transaction[0] > started_at]
         if len(recent) == RECENT_TRANSACTIONS:  # those before are no longer known: count from the end of the first
-            started_at = recent.pop(0).ended_at
+            started_at, *_ = recent.pop(0)
         span_s = max(now - started_at, 1e-9)
         sums: dict[Counters | None, tuple[float, float, int]] = {}
-        for transaction in recent:
-            for owner in (None, transaction.station):
-                wire_s, occupied_s, count = sums.get(owner, (0.0, 0.0, 0))
-                sums[owner] = wire_s + transaction.wire_s, occupied_s + transaction.occupied_s, count + 1
+        for _, wire_s, occupied_s, station in recent:
+            for owner in (None, station):
+                wire_sum_s, occupied_sum_s, count = sums.get(owner, (0.0, 0.0, 0))
+                sums[owner] = wire_sum_s + wire_s, occupied_sum_s + occupied_s, count + 1
         return {
             owner: BusShare(
                 load_percent=min(100.0, 100 * wire_s / span_s),
