@@ -80,23 +80,36 @@ def test_the_acknowledgement_of_one_fault_acknowledges_no_other_between(tmp_path
     assert [(one["id"], one["acknowledged_by"]) for one in found] == [("a3", "li"), ("a2", None), ("a1", "li")]
 
 
-def test_the_log_of_a_version_without_counts_becomes_one_entry(tmp_path: Path) -> None:
+def test_the_alarms_of_a_version_without_counts_stay_entries_of_their_own(tmp_path: Path) -> None:
     path = tmp_path / "alarms.jsonl"
     write_log(path, 3)
     names = ("count", "first_id", "first_raised_ms")
     lines = [json.loads(line) for line in path.read_bytes().splitlines()]
     path.write_text("".join(json.dumps({k: v for k, v in line.items() if k not in names}) + "\n" for line in lines))
+    found = AlarmEngine([], [FAN], RecordingAlarmLog().put, AlarmLog(path).load()).active()
+    assert [(alarm.id, alarm.first_id, alarm.count) for alarm in found] == [
+        ("a3", "a3", 1),
+        ("a2", "a2", 1),
+        ("a1", "a1", 1),
+    ]
 
-    async def go() -> None:
+
+def test_an_acknowledgement_is_written_once_however_often_the_alarm_was_raised(tmp_path: Path) -> None:
+    """A line for each of thousands of occurrences would hold up the buses."""
+    path = tmp_path / "alarms.jsonl"
+
+    async def go() -> AlarmLog:
         log = AlarmLog(path)
-        engine = AlarmEngine([], [FAN], log.put, log.load(), first_number=log.next_number)
-        (alarm,) = engine.active()
-        assert (alarm.count, alarm.first_id, alarm.first_raised_ms) == (3, "a1", 0)
-        engine.acknowledge("a3", "li", 9_000)
-        assert {one["acknowledged_by"] for one in log.history(**ALL_TIME)["items"]} == {"li"}
+        engine = trips(log, 50)
+        await log._writer.flush()
+        lines = path.read_bytes().count(b"\n")
+        engine.acknowledge("a7", "li", 9_000)
         await log.close()
+        assert path.read_bytes().count(b"\n") == lines + 1
+        return log
 
-    asyncio.run(go())
+    log = asyncio.run(go())
+    assert {one["acknowledged_by"] for one in log.history(**ALL_TIME)["items"]} == {"li"}
 
 
 @pytest.mark.parametrize("content", [b"\x80\x9f\xff\n", b"[]\n", b'{"id": 7}\n', b"[" * 100_000 + b"\n"])

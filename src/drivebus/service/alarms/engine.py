@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from drivebus.errors import NotFound
@@ -114,8 +115,8 @@ class AlarmEngine:
         self._next_number = first_number
         self._alarms: dict[str, Alarm] = {}
         self._uncleared: dict[AlarmKey, str] = {}
-        self._first_ids: dict[str, str] = {}
-        """Id of an occurrence that was repeated → id of the first one."""
+        self._newest_ids: dict[str, list[str]] = {}
+        """Id of an occurrence that was repeated → id of the newest one, in a list that its occurrences share."""
         self._of_former_motors: set[str] = set()
         """Cleared alarms that no later one repeats: they are of a motor that a reload has replaced."""
         self._shelves = AlarmShelf()
@@ -179,7 +180,7 @@ class AlarmEngine:
         self._shelves.restore(alarm, now, now_ms)
         if alarm.cleared_ms is None:
             self._clear(alarm.key, now_ms)
-        alarm = self._fold(alarm)
+        alarm = self._fold(alarm, lambda earlier: earlier.first_id == alarm.first_id)
         self._alarms[alarm.id] = alarm
         if alarm.cleared_ms is None:
             self._uncleared[alarm.key] = alarm.id
@@ -232,22 +233,25 @@ class AlarmEngine:
 
     def _raise(self, alarm: Alarm) -> list[AlarmChange]:
         self._next_number += 1
-        alarm = self._fold(alarm)
+        alarm = self._fold(alarm, partial(self._is_repeated_by, alarm))
         self._uncleared[alarm.key] = alarm.id
         forgotten = self._acknowledge_excess(alarm)
         return [*forgotten, self._update("raised", alarm, **self._shelves.shelving(alarm.key).alarm_fields)]
 
-    def _fold(self, alarm: Alarm) -> Alarm:
-        """Let an occurrence take the place of an earlier, unacknowledged one, and return it with their count."""
-        for earlier in self._with_key(alarm.key):
-            is_open = earlier.cleared_ms is not None and earlier.id not in self._of_former_motors
-            if is_open and earlier.repeat_key == alarm.repeat_key:
-                alarm = alarm.repeating(earlier)
-                del self._alarms[earlier.id]
-                self._first_ids[earlier.id] = alarm.first_id
-        while len(self._first_ids) > MAX_REPEATED_IDS:
-            del self._first_ids[next(iter(self._first_ids))]
+    def _fold(self, alarm: Alarm, repeats: Callable[[Alarm], bool]) -> Alarm:
+        """Let an occurrence take the place of the newest cleared one that it repeats; return it with their count."""
+        cleared = [one for one in self._with_key(alarm.key) if one.cleared_ms is not None and repeats(one)]
+        if cleared:
+            alarm = alarm.repeating(cleared[-1])
+            del self._alarms[cleared[-1].id]
+            newest = self._newest_ids[cleared[-1].id] = self._newest_ids.setdefault(alarm.first_id, [])
+            newest[:] = [alarm.id]
+        while len(self._newest_ids) > MAX_REPEATED_IDS:
+            del self._newest_ids[next(iter(self._newest_ids))]
         return alarm
+
+    def _is_repeated_by(self, alarm: Alarm, earlier: Alarm) -> bool:
+        return earlier.repeat_key == alarm.repeat_key and earlier.id not in self._of_former_motors
 
     def _acknowledge_excess(self, alarm: Alarm) -> list[AlarmChange]:
         """Acknowledge the oldest cleared alarms of this key beyond ``MAX_UNACKNOWLEDGED_PER_KEY``."""
@@ -291,9 +295,8 @@ class AlarmEngine:
 
     def find(self, id: str) -> Alarm | None:
         """Return an active alarm by the id of its newest occurrence, or of an earlier one; None if there is none."""
-        first_id = self._first_ids.get(id)
-        repeated = (one for one in self._alarms.values() if one.first_id == first_id)
-        return self._alarms.get(id) or next(repeated, None)
+        (newest,) = self._newest_ids.get(id, (id,))
+        return self._alarms.get(newest)
 
     def _get(self, id: str) -> Alarm:
         alarm = self.find(id)

@@ -32,6 +32,8 @@ class AlarmLog:
     def __init__(self, path: Path) -> None:
         self._journal = AppendLog(path)
         self._alarms: dict[str, Alarm] = {}
+        self._acknowledged: dict[str, Alarm] = {}
+        """Id of a first occurrence → the repetition whose acknowledgement is that of all occurrences before it."""
         self._lines = 0
         self.damaged_copy = ""
         """Name of the copy of a file that could not be read in full at ``load``; empty if it could be read."""
@@ -67,7 +69,7 @@ class AlarmLog:
             self._put_aside(link_or_copy)
         is_torn = torn or self.damaged_copy
         self._lines = data.count(b"\n") + (MAX_LOG_LINES if is_torn else 0)  # a torn end forces a rewrite
-        return [alarm for alarm in self._alarms.values() if alarm.active]
+        return [alarm for alarm in map(self._with_acknowledgement, self._alarms.values()) if alarm.active]
 
     def _put_aside(self, move: Callable[[Path, Path], object]) -> None:
         """Give the file a second name, by which it can be repaired. Never raises."""
@@ -77,21 +79,9 @@ class AlarmLog:
             self.damaged_copy = copy.name
 
     def put(self, alarm: Alarm) -> None:
-        """Queue a change, with the acknowledgement of earlier occurrences. Never waits; call it on the event loop."""
-        for changed in (*self._acknowledged_with(alarm), alarm):
-            self._remember(changed)
-            self._writer.write_nowait(changed)
-
-    def _acknowledged_with(self, alarm: Alarm) -> list[Alarm]:
-        """Return the earlier occurrences that the acknowledgement of an alarm acknowledges."""
-        if alarm.acknowledged_ms is None or alarm.count == 1:
-            return []
-        numbers = range(alarm_number(alarm.first_id), alarm_number(alarm.id))
-        return [
-            replace(one, acknowledged_ms=alarm.acknowledged_ms, acknowledged_by=alarm.acknowledged_by)
-            for one in self._alarms.values()
-            if one.acknowledged_ms is None and alarm_number(one.id) in numbers and one.repeat_key == alarm.repeat_key
-        ]
+        """Queue a change. Never waits; call it on the event loop."""
+        self._remember(alarm)
+        self._writer.write_nowait(alarm)
 
     async def close(self) -> None:
         await self._writer.close()
@@ -109,12 +99,24 @@ class AlarmLog:
         """
         found = sorted(self._alarms.values(), key=lambda one: -alarm_number(one.id))
         wanted = (a for a in found if from_ms <= a.raised_ms < to_ms and drive in (None, a.drive))
-        return page(((alarm_number(alarm.id), alarm.as_json) for alarm in wanted), cursor, limit)
+        shown = map(self._with_acknowledgement, wanted)
+        return page(((alarm_number(alarm.id), alarm.as_json) for alarm in shown), cursor, limit)
 
     def _remember(self, alarm: Alarm) -> None:
         self._alarms[alarm.id] = alarm
+        if alarm.acknowledged_ms is not None and alarm.count > 1:
+            self._acknowledged[alarm.first_id] = alarm
         if len(self._alarms) > MAX_LOGGED_ALARMS:
-            del self._alarms[next(id for id in self._alarms)]
+            dropped = self._alarms.pop(next(iter(self._alarms)))
+            if self._acknowledged.get(dropped.first_id) is dropped:
+                del self._acknowledged[dropped.first_id]
+
+    def _with_acknowledgement(self, alarm: Alarm) -> Alarm:
+        """Return an alarm with the acknowledgement of its newest repetition, which is not written for each."""
+        newest = self._acknowledged.get(alarm.first_id)
+        if newest is None or alarm.acknowledged_ms is not None:
+            return alarm
+        return replace(alarm, acknowledged_ms=newest.acknowledged_ms, acknowledged_by=newest.acknowledged_by)
 
     def _append_batch(self, alarms: Sequence[Alarm]) -> list[None]:
         """Append changes on the writer's thread; rewrite the file when it has too many lines."""
