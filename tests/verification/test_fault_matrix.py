@@ -285,7 +285,11 @@ PLANTED_FAULTS: list[tuple[str, str, PlantedFault]] = [
     ("scale/vc660", "any read-back", replace_attribute(ModbusDialect, "setpoint_matches", says_yes)),
     ("scale/huanyang-hy", "any read-back", replace_attribute(HuanyangDialect, "setpoint_matches", says_yes)),
     ("error_answer/fr-e500", "no refusal", replace_attribute(MitsubishiDialect, "rejection", nothing)),
-    ("duplicate_address/huanyang-hy", "a reply is a foreign request", replace_attribute(Station, "decode_reply_to", nothing)),
+    (
+        "duplicate_address/huanyang-hy",
+        "a reply is a foreign request",
+        replace_attribute(Station, "decode_reply_to", nothing),
+    ),
     ("late_same_item/fr-e500", "no doubt", replace_attribute(Station, "mark_suspect", nothing)),
     ("scale/df800-rtu", "no pre-flight", replace_attribute(Preflight, "passed", True)),
 ]
