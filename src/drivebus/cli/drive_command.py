@@ -29,6 +29,7 @@ _PORT_OPTIONS = ("port", "model", "address", "baud", "format", "encoding", "opti
 _LOCAL_OPTIONS = ("dry_run", "wait", "eeprom_writes_per_day")  # options of some commands that a service does not take
 _REPLACED_ARGUMENTS = ("port", "source", "target")  # arguments that ``--service`` replaces
 _SERVICE_GIVEN = "drivebus.service"
+MAX_START_DELAY_S = 60.0  # from the command to the start: opening and reading take seconds, a standby longer
 
 
 class RemoteCommand(CliCommand):
@@ -242,6 +243,22 @@ async def print_comm_loss(drive: Drive) -> None:
         {"event": "comm_loss", "stops_on_comm_loss": report.stops_on_comm_loss, "text": text}, stream=True
     )
     output.print_text(output.wrap_for(text, sys.stdout))
+
+
+def monotonic_now() -> float:
+    """Return monotonic seconds that go on while the computer is suspended, where the system has them."""
+    from drivebus.bus import timer
+
+    return timer.loop_now(asyncio.get_running_loop())
+
+
+def check_start_delay(requested_at: float) -> None:
+    """Raise Expired where the start was requested so long ago, by ``monotonic_now``, that its user has left."""
+    from drivebus.errors import Expired
+
+    age_s = monotonic_now() - requested_at
+    if age_s > MAX_START_DELAY_S:
+        raise Expired("drives.checks_timeout", age_s=round(age_s, 1), limit_s=MAX_START_DELAY_S)
 
 
 async def stop_and_print(bus: Bus, drive: Drive, code: ExitCode) -> ExitCode:

@@ -8,6 +8,8 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+MAX_TERMINAL_INPUT = 4096  # bytes that a terminal keeps: all that waited are read at once, and so known to be old
+
 
 class KeyQueue:
     """Queue of pressed keys; ``None`` means that the terminal is gone."""
@@ -55,7 +57,7 @@ def _read_posix(keys: KeyQueue) -> Iterator[None]:
 
     def ready() -> None:
         try:
-            data = os.read(fd, 64)
+            data = os.read(fd, MAX_TERMINAL_INPUT)
         except OSError:
             data = b""
         if not data:

@@ -74,7 +74,7 @@ async def _until_quit(
         if key is None or key in QUIT_KEYS:
             return
         direction = _direction(key)
-        if direction is not None and await _is_held(keys, key):
+        if direction is not None and await _is_held(bus, keys, key):
             await _jog_while_held(bus, drive, keys, shutdown, key, frequency_hz, direction)
             keys.clear()
 
@@ -85,12 +85,18 @@ def _direction(key: str) -> Direction | None:
     return Direction.FORWARD if key in FORWARD_KEYS else Direction.REVERSE if key in REVERSE_KEYS else None
 
 
-async def _is_held(keys: KeyQueue, key: str) -> bool:
-    """Return whether the same key is repeated soon."""
+async def _is_held(bus: Bus, keys: KeyQueue, key: str) -> bool:
+    """Return whether the same key is repeated soon, by the terminal and not by keys that were read together.
+
+    Those may be old: they waited while the program or the computer was suspended.
+    """
+    keys.clear()
+    pressed_at = bus.now()
     try:
-        return await keys.get(FIRST_REPEAT_TIMEOUT_S) == key
+        repeated = await keys.get(FIRST_REPEAT_TIMEOUT_S) == key
     except TimeoutError:
         return False
+    return repeated and bus.now() - pressed_at <= FIRST_REPEAT_TIMEOUT_S
 
 
 async def _jog_while_held(

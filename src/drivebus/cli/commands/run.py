@@ -11,7 +11,9 @@ from drivebus.cli import connect, options, output
 from drivebus.cli.click_ext import Option
 from drivebus.cli.connect import Target
 from drivebus.cli.drive_command import (
+    check_start_delay,
     drive_command,
+    monotonic_now,
     must_stop_after,
     print_comm_loss,
     print_outcome,
@@ -41,10 +43,12 @@ async def _run(target: Target, frequency: float, reverse: bool, wait: bool, deta
     from drivebus.cli.signals import shutdown_signals
     from drivebus.errors import ControlNotHeld
 
+    requested_at = monotonic_now()
     with shutdown_signals(may_suspend=False) as shutdown:
         async with connect.open_drive(target) as (bus, drive):
             if detach:
                 await print_comm_loss(drive)
+            check_start_delay(requested_at)
             try:
                 code = await _attached(bus, drive, shutdown, frequency, _direction(reverse), wait, detach)
             except OSError:  # the terminal or the pipe is gone
