@@ -2,6 +2,7 @@
 import { html, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { api, drivePath } from "../api.js";
+import { TURNING_STATES } from "../drive-states.js";
 import { numberOf } from "../format.js";
 import { isLive } from "../live.js";
 import { may } from "../session.js";
@@ -13,7 +14,7 @@ const TOLERANCE_HZ = 0.1;
 /** Warning that the drive runs above its limit, or nothing. */
 function AboveLimit({ view }) {
   const { value, quality } = view.signals.output_frequency ?? {};
-  return view.state === "running" && quality === "good" && value > view.maximum_hz + TOLERANCE_HZ
+  return TURNING_STATES.includes(view.state) && quality === "good" && value > view.maximum_hz + TOLERANCE_HZ
     && html`<b>${t("page.limits_above", { frequency_hz: value })}</b>`;
 }
 
