@@ -257,7 +257,7 @@ def test_the_second_run_of_a_calibration_follows_the_first_but_not_an_hour_later
 @pytest.mark.parametrize("suspended", [False, True], ids=["frozen process", "standby"])
 @pytest.mark.parametrize("seconds", [3.0, 30.0, 600.0])
 @pytest.mark.parametrize("ignores_stops", [False, True])
-def test_a_stop_begins_anew_where_the_machine_slept_meanwhile(
+def test_a_stop_begins_again_where_the_machine_slept_meanwhile(
     seconds: float, suspended: bool, ignores_stops: bool
 ) -> None:
     """It ended as "the drive still reported running", which only the reads before the standby had shown."""

@@ -82,7 +82,7 @@ class StopSupervisor:
         """Return the outcome of a stop, at its deadline as unconfirmed: its reads may still wait for their turn.
 
         None where the host was suspended until after the deadline. The reports of the drive are from before that, so
-        the stop begins anew.
+        the stop begins again.
         """
         self.cancel_repetition()
         bus, op = self._runner.bus, OperationContext(self._runner.drive)
