@@ -12,6 +12,7 @@ from drivebus.errors import NotPermitted, ProtocolError
 from drivebus.protocols.codec import Codec, Complete, DecodeResult, Effect, Incomplete
 from drivebus.serial_settings import SerialSettings
 
+NO_EFFECT, _, MOTION, STOP = Effect  # reading a member from its class takes four times as long
 READ_ATTEMPTS = 2  # a read is retried once
 IDEMPOTENT_ATTEMPTS = 3  # an idempotent write is resent at most twice; every other frame is sent once
 
@@ -69,7 +70,7 @@ class PreparedRequest:
         self.is_broadcast = encoded.reply_bytes == 0
         self.permit: Permit | None = bus_request.permit
         self.priority = priority_of(bus_request, self.effect)
-        self.expires_at = None if self.effect is Effect.STOP else bus_request.expires_at
+        self.expires_at = None if self.effect is STOP else bus_request.expires_at
         self.is_sync_probe = is_sync_probe
         self.gap_s = station.gap_s
         self.adapter_latency_s = station.config.timing.adapter_latency_s
@@ -77,14 +78,14 @@ class PreparedRequest:
         self.attempts = 0
         self.sent_at: float | None = None
         """Start of the last attempt."""
-        reads = self.effect is Effect.NONE and not is_sync_probe
+        reads = self.effect is NO_EFFECT and not is_sync_probe
         self.max_attempts = READ_ATTEMPTS if reads else self._max_write_attempts()
 
     def _max_write_attempts(self) -> int:
         """Return 1 for motion; else the retry policy of the permit decides, so that the bus never repeats a start."""
-        if self.is_broadcast or self.effect is Effect.MOTION:
+        if self.is_broadcast or self.effect is MOTION:
             return 1
-        if self.effect is Effect.STOP:
+        if self.effect is STOP:
             return IDEMPOTENT_ATTEMPTS
         policy = self.bus_request.retry_policy if self.permit is None else self.permit.retry_policy
         return IDEMPOTENT_ATTEMPTS if policy is RetryPolicy.IDEMPOTENT else 1
@@ -103,7 +104,7 @@ class PreparedRequest:
     def permit_error(self, now: float) -> NotPermitted | None:
         """Return why this frame may not be sent now, None if it may. Reads and stops need no permit."""
         effect, station, permit = self.effect, self.station, self.permit
-        if effect is Effect.NONE or effect is Effect.STOP:
+        if effect is NO_EFFECT or effect is STOP:
             return None
         address = station.address
         if permit is None:
@@ -120,14 +121,14 @@ class PreparedRequest:
             return NotPermitted("bus.permit_expired", station=address, late_ms=round((now - permit.expires_at) * 1000))
         if permit.stop_epoch != station.stop_epoch:
             return NotPermitted("bus.permit_stopped", station=address)
-        if effect is Effect.MOTION and station.start_inhibited:
+        if effect is MOTION and station.start_inhibited:
             return NotPermitted("bus.start_inhibited", station=address)
         return None
 
 
 def priority_of(bus_request: BusRequest, effect: Effect) -> RequestPriority:
     """Return the priority: a stop is a stop whatever was requested, and nothing else uses its priority."""
-    if effect is Effect.STOP:
+    if effect is STOP:
         return RequestPriority.STOP
     return RequestPriority.COMMAND if bus_request.priority is RequestPriority.STOP else bus_request.priority
 
