@@ -645,7 +645,7 @@ def test_a_value_hidden_by_a_fault_is_read_as_soon_as_the_fault_is_over() -> Non
 def test_a_polled_state_that_is_unknown_has_the_reason_of_its_word(monkeypatch: pytest.MonkeyPatch) -> None:
     async def scenario() -> None:
         async with SimulatedDrives("vc660") as bench:
-            monkeypatch.setattr(type(bench.station()), "_monitor", lambda station, index: 0x1000)
+            monkeypatch.setattr(type(bench.station()), "_monitor", lambda station, index, motor: 0x1000)
             with bench.drive().monitor(["output_frequency"]) as monitor:
                 await asyncio.sleep(5)
                 assert monitor.status().reason == "drives.reserved_bits"

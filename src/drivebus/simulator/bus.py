@@ -16,7 +16,7 @@ from drivebus.simulator.framing import FrameReceiver, ReceivedFrame
 from drivebus.simulator.line_quality import LineQuality, parse_line_quality
 from drivebus.simulator.station import SimulatedStation
 from drivebus.simulator.timer import LoopTimer
-from drivebus.simulator.wire import TO_ALL, TO_STATIONS, Side, Transmission, Wire
+from drivebus.simulator.wire import MASTERS, TO_ALL, TO_STATIONS, Transmission, Wire
 
 
 class BusMaster(Protocol):
@@ -214,7 +214,7 @@ class SimulatedBus:
         assert self._loop is not None
         now = self._loop.time()
         while (event := self.wire.pop_event(now)) is not None:
-            if event.side is Side.MASTERS:
+            if event.side is MASTERS:
                 self._deliver_to_masters(event.transmission, event.first, event.last)
             else:
                 self._deliver_to_stations(event.transmission, event.decision_delay_s, now)

@@ -146,18 +146,18 @@ class VC660Station(SimulatedStation):
     def _read(self, request: modbus.ReadRegisters) -> Any:
         if request.count > MAX_READ:
             return modbus.ExceptionReply(request.address, 3, ILLEGAL_VALUE)
+        motor = self.displayed_motor
         values: list[int] = []
         for register in range(request.register, request.register + request.count):
             if register < PARAMETERS:
                 values.append(self.memory[register])
             elif 0x3000 <= register <= 0x3018:
-                values.append(self._monitor(register - 0x3000) & 0xFFFF)
+                values.append(self._monitor(register - 0x3000, motor) & 0xFFFF)
             else:  # write-only or in no table (200BH)
                 return modbus.ExceptionReply(request.address, 3, ILLEGAL_ADDRESS)
         return modbus.RegisterValues(request.address, 3, tuple(values))
 
-    def _monitor(self, number: int) -> int:
-        motor = self.displayed_motor
+    def _monitor(self, number: int, motor: Motor) -> int:
         match number:
             case 0x00:
                 return self._status(motor)
@@ -200,7 +200,7 @@ class VC660Station(SimulatedStation):
             | running << 3
             | self.emergency << 4
             | self.paused << 5
-            | (motor.phase is OutputPhase.DC_BRAKING) << 7
+            | (running and motor.phase is OutputPhase.DC_BRAKING) << 7
             | (self.jogging and running) << 8
             | self.reverse << 14
             | (motor.output_hz < 0.0) << 15
