@@ -107,6 +107,9 @@ def play(script: Script, command: Callable[[], Awaitable[Any]]) -> Any:
         effect = config.effect_of(config.codec.encode_request(asked.request))
         return script.submit(asked, effect, lambda asked: submit(self, asked))
 
+    async def follow_and_wait(self: Bus, asked: BusRequest) -> BusResult:
+        return await follow(self, asked)
+
     async def played() -> Any:
         try:
             return await command()
@@ -115,6 +118,7 @@ def play(script: Script, command: Callable[[], Awaitable[Any]]) -> Any:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Bus, "submit", follow)
+        patch.setattr(Bus, "transact", follow_and_wait)
         return virtual_time.run(played())
 
 
