@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 from drivebus.errors import PortLost, PortUnavailable
 from drivebus.ports.base import PortNote
-from drivebus.ports.tcp import CONNECT_TIMEOUT_S, TcpConnection
+from drivebus.ports.tcp import SerialServerPort, TcpConnection
 from drivebus.ports.url import PortUrl
 from drivebus.serial_settings import SerialSettings
-from drivebus.types import Capabilities, EchoSetting, Receiver
+from drivebus.types import Receiver
 
 NEGOTIATION_TIMEOUT_S = 1.5  # for each of two steps, option and settings; servers reply within a round trip
 SE, SB, WILL, WONT, DO, DONT, IAC = 240, 250, 251, 252, 253, 254, 255
@@ -163,22 +163,14 @@ class TelnetClient:
         return 0
 
 
-class Rfc2217Port:
+class Rfc2217Port(SerialServerPort):
     """Port of a serial server with RFC 2217: ``rfc2217://HOST:PORT?baud=…&format=…&timeout=3``."""
 
     def __init__(self, url: PortUrl) -> None:
         """Raises PortUrlError for an unknown option."""
-        url.reject_unknown_options("echo", "timeout")
-        self.settings = url.settings
-        self.capabilities = Capabilities()
-        self.echo: EchoSetting = url.echo()
-        self.url = url.text
-        self.identity = f"rfc2217:{url.host}:{url.port}"
+        super().__init__(url)
         self.notes: tuple[PortNote, ...] = ()
         """Settings that the server did not acknowledge."""
-        self._host, self._port = url.host, url.port or 0
-        self._timeout_s = url.number("timeout", CONNECT_TIMEOUT_S, 0.1, 60)
-        self._connection: TcpConnection | None = None
         self._telnet = TelnetClient()
         self._receiver: Receiver | None = None
         self._server_replied = asyncio.Event()

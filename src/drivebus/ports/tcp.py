@@ -113,8 +113,8 @@ def _set_socket_options(sock: socket.socket) -> None:
                 sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 
 
-class TcpPort:
-    """Port of a raw TCP serial server: ``tcp://HOST:PORT?baud=…&format=…&timeout=3``."""
+class SerialServerPort:
+    """Attributes of a port behind a TCP connection."""
 
     def __init__(self, url: PortUrl) -> None:
         """Raises PortUrlError for an unknown option."""
@@ -123,10 +123,14 @@ class TcpPort:
         self.capabilities = Capabilities()
         self.echo: EchoSetting = url.echo()
         self.url = url.text
-        self.identity = f"tcp:{url.host}:{url.port}"
+        self.identity = f"{url.scheme}:{url.host}:{url.port}"
         self._host, self._port = url.host, url.port or 0
         self._timeout_s = url.number("timeout", CONNECT_TIMEOUT_S, 0.1, 60)
         self._connection: TcpConnection | None = None
+
+
+class TcpPort(SerialServerPort):
+    """Port of a raw TCP serial server: ``tcp://HOST:PORT?baud=…&format=…&timeout=3``."""
 
     async def open(self, receiver: Receiver) -> None:
         """Connect to the converter. Raises PortUnavailable with the reason and the remedy."""
