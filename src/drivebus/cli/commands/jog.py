@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from drivebus.cli.keyboard import KeyQueue
     from drivebus.cli.signals import ShutdownSignal
     from drivebus.drives import Drive
+    from drivebus.drives.jog_session import JogSession
     from drivebus.drives.outcome import Outcome
     from drivebus.drives.state import Direction
 
@@ -75,7 +76,8 @@ async def _until_quit(
             return
         direction = _direction(key)
         if direction is not None and await _is_held(bus, keys, key):
-            await _jog_while_held(bus, drive, keys, shutdown, key, frequency_hz, direction)
+            session = drive.jog(frequency_hz, direction, lease_s=DEAD_MAN_TIMEOUT_S)
+            await _jog_while_held(session, bus, keys, shutdown, key)
             keys.clear()
 
 
@@ -99,17 +101,8 @@ async def _is_held(bus: Bus, keys: KeyQueue, key: str) -> bool:
     return repeated and bus.now() - pressed_at <= FIRST_REPEAT_TIMEOUT_S
 
 
-async def _jog_while_held(
-    bus: Bus,
-    drive: Drive,
-    keys: KeyQueue,
-    shutdown: ShutdownSignal,
-    key: str,
-    frequency_hz: float | None,
-    direction: Direction,
-) -> None:
+async def _jog_while_held(session: JogSession, bus: Bus, keys: KeyQueue, shutdown: ShutdownSignal, key: str) -> None:
     """Jog while the key repeats, then stop the drive and confirm it."""
-    session = drive.jog(frequency_hz, direction, lease_s=DEAD_MAN_TIMEOUT_S)
     try:
         async with session:
             _print_jog_outcome(session.start_outcome, bus, "begun")

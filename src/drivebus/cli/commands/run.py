@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeGuard
 
 import click
@@ -39,10 +40,21 @@ STATUS_PERIOD_S = 0.5  # between two status reads, a few frames each
 OUTPUT_OFF_COUNT = 2  # status reads that must agree before "stopped by itself" is reported
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOptions:
+    """Start as the options of ``run`` request it; without a direction the drive keeps its own."""
+
+    frequency_hz: float
+    direction: Direction | None
+    wait: bool
+    detach: bool
+
+
 async def _run(target: Target, frequency: float, reverse: bool, wait: bool, detach: bool) -> ExitCode:
     from drivebus.cli.signals import shutdown_signals
     from drivebus.errors import ControlNotHeld
 
+    chosen = RunOptions(frequency_hz=frequency, direction=_direction(reverse), wait=wait, detach=detach)
     requested_at = monotonic_now()
     with shutdown_signals(may_suspend=False) as shutdown:
         async with connect.open_drive(target) as (bus, drive):
@@ -50,7 +62,7 @@ async def _run(target: Target, frequency: float, reverse: bool, wait: bool, deta
                 await print_comm_loss(drive)
             check_start_delay(requested_at)
             try:
-                code = await _attached(bus, drive, shutdown, frequency, _direction(reverse), wait, detach)
+                code = await _start_and_watch(bus, drive, shutdown, chosen)
             except OSError:  # the terminal or the pipe is gone
                 code = ExitCode.INTERRUPTED
             except ControlNotHeld:  # another user commands the drive
@@ -64,15 +76,7 @@ async def _run(target: Target, frequency: float, reverse: bool, wait: bool, deta
             return await stop_and_print(bus, drive, ExitCode.INTERRUPTED if shutdown.received else code)
 
 
-async def _attached(
-    bus: Bus,
-    drive: Drive,
-    shutdown: ShutdownSignal,
-    frequency_hz: float,
-    direction: Direction | None,
-    wait: bool,
-    detach: bool,
-) -> ExitCode | None:
+async def _start_and_watch(bus: Bus, drive: Drive, shutdown: ShutdownSignal, chosen: RunOptions) -> ExitCode | None:
     """Start and show the drive. Return the exit code; None if the drive keeps running with ``--detach``.
 
     After the start a stop follows whatever fails, so that it is not raised; but another user who has taken control
@@ -81,8 +85,8 @@ async def _attached(
     from drivebus.cli.errors import report_error
     from drivebus.errors import ControlNotHeld, DrivebusError
 
-    started = await _start(bus, drive, shutdown, frequency_hz, direction, wait, detach)
-    if detach and started is ExitCode.DONE and not shutdown.received:
+    started = await _start(bus, drive, shutdown, chosen)
+    if chosen.detach and started is ExitCode.DONE and not shutdown.received:
         output.print_message("run.detached_service" if _is_remote(drive) else "run.detached")
         return None
     if started is not ExitCode.DONE:
@@ -90,7 +94,7 @@ async def _attached(
     from drivebus.cli.run_watch import RunWatch
     from drivebus.drives.state import Direction
 
-    watch = RunWatch(frequency_hz, direction or Direction.FORWARD, bus.now())
+    watch = RunWatch(chosen.frequency_hz, chosen.direction or Direction.FORWARD, bus.now())
     try:
         return await _watch(bus, drive, shutdown, watch)
     except DrivebusError as error:
@@ -106,34 +110,26 @@ def _direction(reverse: bool) -> Direction | None:
     return Direction.REVERSE if reverse else None
 
 
-async def _start(
-    bus: Bus,
-    drive: Drive,
-    shutdown: ShutdownSignal,
-    frequency_hz: float,
-    direction: Direction | None,
-    wait: bool,
-    detach: bool,
-) -> ExitCode:
+async def _start(bus: Bus, drive: Drive, shutdown: ShutdownSignal, chosen: RunOptions) -> ExitCode:
     """Start the drive. An error that leaves no motor running is raised; any other is printed, and a stop follows."""
     from drivebus.cli.errors import report_error
     from drivebus.errors import DrivebusError
 
-    waiting: dict[str, Any] = {"wait": True, "on_progress": _progress_printer(bus, drive)} if wait else {}
+    waiting: dict[str, Any] = {"wait": True, "on_progress": _progress_printer(bus, drive)} if chosen.wait else {}
     try:
-        outcome = await shutdown.interruptible(drive.run(frequency_hz, direction, **waiting))
+        outcome = await shutdown.interruptible(drive.run(chosen.frequency_hz, chosen.direction, **waiting))
     except DrivebusError as error:
         if not must_stop_after(error):
             raise
-        if wait:
+        if chosen.wait:
             output.end_live_line()
         return report_error(error)
     if outcome is None:
         return ExitCode.INTERRUPTED
-    if wait:
+    if chosen.wait:
         output.end_live_line()
     code = print_outcome(outcome, bus.now(), event="started", stream=True)
-    if code is ExitCode.DONE and not detach:
+    if code is ExitCode.DONE and not chosen.detach:
         output.print_message("run.attached")
     return code
 
