@@ -23,7 +23,15 @@ from mutation.report import (
     unexplained_survivors,
     write_document,
 )
-from mutation.run import ROOT, JudgedMutant, MutantFilter, in_functions, retry_reloaded, settle_hypothesis, verdict_line
+from mutation.run import (
+    ROOT,
+    JudgedMutant,
+    MutantFilter,
+    retry_reloaded,
+    settle_hypothesis,
+    try_in_functions,
+    verdict_line,
+)
 from verification.report import current_commit
 
 
@@ -45,35 +53,37 @@ def main() -> int:
         pages.write(write_document({}))
         return 0
     settle_hypothesis()
-    left: list[JudgedMutant] = []
+    remaining: list[JudgedMutant] = []
     for modules, tests in MUTATED_MODULES:
         wanted = [name for name in modules if not chosen.modules or any(one in name for one in chosen.modules)]
         if wanted:
             began = time.monotonic()
             without = [f"--deselect={test}" for test in chosen.deselect]
-            found = judged(wanted, [*tests, *without], _choice(chosen.kind, chosen.again), chosen.jobs)
+            found = try_mutants(
+                wanted, [*tests, *without], _mutant_filter(chosen.kind, survivors_only=chosen.again), chosen.jobs
+            )
             print(f"{len(found)} mutants, {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
             if chosen.write:
                 make_document = retried_document if chosen.again else mutation_document
                 pages.write(write_document(make_document(found, current_commit(ROOT, *MUTATED_SOURCES))))
-            left += [one for one in found if one.verdict in (SURVIVED, UNTESTED)]
-    return int(any(unexplained_survivors(one) for one in left))
+            remaining += [one for one in found if one.verdict in (SURVIVED, UNTESTED)]
+    return int(any(unexplained_survivors(one) for one in remaining))
 
 
-def _choice(kind: str | None, left: bool) -> MutantFilter:
+def _mutant_filter(kind: str | None, *, survivors_only: bool) -> MutantFilter:
     """Return the filter of mutants: of one kind, or the survivors of the committed report."""
     survivors = cache(previous_survivors)
 
     def wanted(module: str, mutant: Mutant) -> bool:
         return (kind is None or mutant.kind == kind) and (
-            not left or key(module, mutant.scope, mutant.description()) in survivors(module)
+            not survivors_only or key(module, mutant.scope, mutant.description()) in survivors(module)
         )
 
     return wanted
 
 
-def judged(modules: list[str], tests: list[str], wanted: MutantFilter, jobs: int) -> list[JudgedMutant]:
-    found, names = in_functions(modules, tests, wanted, jobs)
+def try_mutants(modules: list[str], tests: list[str], wanted: MutantFilter, jobs: int) -> list[JudgedMutant]:
+    found, names = try_in_functions(modules, tests, wanted, jobs)
     again = [one for one in found if one.reloaded and one.verdict == SURVIVED]
     print(f"{len(found)} tried, {len(again)} to be reloaded", file=sys.stderr, flush=True)
     for one in retry_reloaded(again, names, jobs):

@@ -16,7 +16,7 @@ from mutation.load import EXECUTED, StatementHit
 QUICK_TEST_S = 0.3
 """Longest processor time of a test, in seconds; slower tests are left out."""
 KILLED, SURVIVED, UNTESTED, TIMEOUT = "killed", "survived", "untested", "timeout"
-FIRST_PATHS = 100
+MUST_RELOAD = 100
 """Exit code of a child whose mutant does not fit into loaded functions: its module must be reloaded."""
 Wait = Callable[[], int]
 
@@ -39,10 +39,10 @@ def run_isolated(work: Callable[[], int], seconds: float) -> Wait:
 
 def verdict(code: int) -> str:
     """Return the verdict for an exit code; a negative one is a signal (processor time used up, or a crash)."""
-    return SURVIVED if code in (0, FIRST_PATHS) else KILLED if code > 0 else TIMEOUT
+    return SURVIVED if code in (0, MUST_RELOAD) else KILLED if code > 0 else TIMEOUT
 
 
-class FirstFailure:
+class ExitAtFirstFailure:
     """Plugin that ends the process at the first failing test."""
 
     @pytest.hookimpl(tryfirst=True)
@@ -95,7 +95,7 @@ class OnlyTests:
 def measure_tests(items: Sequence[pytest.Item], jobs: int) -> TestPaths:
     """Run every test once, in children, so that this process stays unchanged."""
     parts = [_measure_in_child(items[part::jobs]) for part in range(jobs)]
-    ways = TestPaths()
+    paths = TestPaths()
     for reading, wait in parts:
         name = ""
         with os.fdopen(reading) as lines:
@@ -103,12 +103,12 @@ def measure_tests(items: Sequence[pytest.Item], jobs: int) -> TestPaths:
                 if isinstance(line, str):
                     name = line
                 elif line[0] <= QUICK_TEST_S:
-                    ways.seconds[name] = line[0]
+                    paths.seconds[name] = line[0]
                     for module, number in line[1]:
-                        ways.tests.setdefault((module, number), []).append(name)
+                        paths.tests.setdefault((module, number), []).append(name)
         if code := wait():
             raise SystemExit(f"{name} fails without any mutant ({code})")
-    return ways
+    return paths
 
 
 def _measure_in_child(items: Sequence[pytest.Item]) -> tuple[int, Wait]:

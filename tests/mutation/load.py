@@ -49,7 +49,7 @@ class _MutatedModuleLoader(SourceFileLoader):
         super().exec_module(module)
 
 
-def probed(module: str, tree: ast.Module) -> None:
+def insert_probes(module: str, tree: ast.Module) -> None:
     """Insert a probe before each statement of every function."""
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
@@ -75,20 +75,20 @@ def _probe(module: str, node: ast.stmt) -> ast.stmt:
     return probe
 
 
-def functions(path: str) -> dict[FunctionKey, list[FunctionType]]:
+def loaded_functions(path: str) -> dict[FunctionKey, list[FunctionType]]:
     """Return every loaded function of the file ``path``, also decorated functions, properties and closures."""
     found: dict[FunctionKey, list[FunctionType]] = {}
-    for thing in gc.get_objects():
-        if isinstance(thing, FunctionType) and thing.__code__.co_filename == path:
-            code = thing.__code__
-            found.setdefault((code.co_qualname, code.co_firstlineno), []).append(thing)
+    for candidate in gc.get_objects():
+        if isinstance(candidate, FunctionType) and candidate.__code__.co_filename == path:
+            code = candidate.__code__
+            found.setdefault((code.co_qualname, code.co_firstlineno), []).append(candidate)
     return found
 
 
-def swap(alive: dict[FunctionKey, list[FunctionType]], changed: CodeType) -> None:
+def swap(originals: dict[FunctionKey, list[FunctionType]], changed: CodeType) -> None:
     """Give each loaded function its code of the changed module. Raises ValueError where a closure has changed."""
     for code in _codes(changed):
-        for function in alive.get((code.co_qualname, code.co_firstlineno), ()):
+        for function in originals.get((code.co_qualname, code.co_firstlineno), ()):
             function.__code__ = code
 
 

@@ -20,10 +20,10 @@ import hypothesis
 import pytest
 
 from mutation.children import (
-    FIRST_PATHS,
+    MUST_RELOAD,
     SURVIVED,
     UNTESTED,
-    FirstFailure,
+    ExitAtFirstFailure,
     OnlyTests,
     TestPaths,
     Wait,
@@ -32,7 +32,7 @@ from mutation.children import (
     run_items,
     verdict,
 )
-from mutation.load import EXECUTED, MutatedModuleFinder, StatementHit, functions, probed, swap
+from mutation.load import EXECUTED, MutatedModuleFinder, StatementHit, insert_probes, loaded_functions, swap
 from mutation.mutate import Mutant, apply, mutants
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -85,10 +85,10 @@ class MutationPlugin:
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         at_load = frozenset(EXECUTED)
         items = {item.nodeid: item for item in session.items}
-        ways = measure_tests(session.items, self.jobs)
+        paths = measure_tests(session.items, self.jobs)
         for module in self.modules:
-            self._write({"module": module, "names": ways.names(module)})
-            for judged in judge_in_order(self._started(module, items, ways, at_load), self.jobs):
+            self._write({"module": module, "names": paths.names(module)})
+            for judged in judge_in_order(self._start_children(module, items, paths, at_load), self.jobs):
                 self._write([judged.module, judged.number, judged.verdict, judged.reloaded, judged.tests])
         return True
 
@@ -96,16 +96,16 @@ class MutationPlugin:
         self.out.write(json.dumps(what) + "\n")
         self.out.flush()
 
-    def _started(
-        self, module: str, items: dict[str, pytest.Item], ways: TestPaths, at_load: frozenset[StatementHit]
+    def _start_children(
+        self, module: str, items: dict[str, pytest.Item], paths: TestPaths, at_load: frozenset[StatementHit]
     ) -> Iterator[tuple[JudgedMutant, Wait]]:
         path, tree = str(path_of(module)), tree_of(module)
-        alive = functions(path)
+        originals = loaded_functions(path)
         for number, mutant in enumerate(mutants(tree)):
             if not self.wanted(module, mutant):
                 continue
             hit = (module, mutant.statement)
-            names = ways.of(hit)
+            names = paths.of(hit)
             judged = JudgedMutant(module, number, SURVIVED, mutant.at_load or hit in at_load, len(names))
             if mutant.at_load or not names:
                 judged.verdict = SURVIVED if judged.reloaded else UNTESTED
@@ -115,34 +115,34 @@ class MutationPlugin:
             def work(mutant: Mutant = mutant, names: list[str] = names) -> int:
                 apply(mutant)
                 try:
-                    swap(alive, compile(tree, path, "exec", dont_inherit=True))
+                    swap(originals, compile(tree, path, "exec", dont_inherit=True))
                 except ValueError:  # the closure is another
-                    return FIRST_PATHS
+                    return MUST_RELOAD
                 return run_items([items[name] for name in names])
 
-            yield judged, run_isolated(work, 10 + 5 * sum(map(ways.seconds.__getitem__, names)))
+            yield judged, run_isolated(work, 10 + 5 * sum(map(paths.seconds.__getitem__, names)))
 
 
 def judge_in_order(started: Iterable[tuple[JudgedMutant, Wait]], jobs: int) -> Iterator[JudgedMutant]:
     """Yield the verdicts in order, with at most ``jobs`` children at a time."""
     running: list[tuple[JudgedMutant, Wait]] = []
 
-    def ended() -> JudgedMutant:
+    def finish_oldest() -> JudgedMutant:
         judged, wait = running.pop(0)
         code = wait()
         judged.verdict = judged.verdict if judged.verdict == UNTESTED else verdict(code)
-        judged.reloaded = judged.reloaded or code == FIRST_PATHS
+        judged.reloaded = judged.reloaded or code == MUST_RELOAD
         return judged
 
     for one in started:
         running.append(one)
         if len(running) >= jobs:
-            yield ended()
+            yield finish_oldest()
     while running:
-        yield ended()
+        yield finish_oldest()
 
 
-def in_functions(
+def try_in_functions(
     modules: Sequence[str], tests: Sequence[str], wanted: MutantFilter, jobs: int
 ) -> tuple[list[JudgedMutant], dict[str, list[str]]]:
     """Return the mutants within functions, and the tests of each module in the best order for reloaded mutants."""
@@ -152,9 +152,9 @@ def in_functions(
         code = 3
         try:
             os.close(reading)
-            sys.meta_path.insert(0, MutatedModuleFinder(frozenset(modules), probed))
+            sys.meta_path.insert(0, MutatedModuleFinder(frozenset(modules), insert_probes))
             plugin = MutationPlugin(modules, wanted, jobs, os.fdopen(writing, "w"))
-            code = int(pytest.main([*OPTIONS, *tests], plugins=[plugin, FirstFailure()]))
+            code = int(pytest.main([*OPTIONS, *tests], plugins=[plugin, ExitAtFirstFailure()]))
         finally:
             os._exit(code)
     os.close(writing)
@@ -184,7 +184,7 @@ def verdict_line(judged: JudgedMutant) -> str:
 def retry_reloaded(found: Sequence[JudgedMutant], names: dict[str, list[str]], jobs: int) -> Iterator[JudgedMutant]:
     """Try mutants that must be loaded, each in a process that has not loaded the package."""
 
-    def started() -> Iterator[tuple[JudgedMutant, Wait]]:
+    def start_children() -> Iterator[tuple[JudgedMutant, Wait]]:
         for judged in found:
             tree = tree_of(judged.module)
             mutant = mutants(tree)[judged.number]
@@ -199,11 +199,11 @@ def retry_reloaded(found: Sequence[JudgedMutant], names: dict[str, list[str]], j
                 )
                 ours = names[judged.module]
                 files = dict.fromkeys(name.split("::")[0] for name in ours)
-                return int(pytest.main([*OPTIONS, *files], plugins=[FirstFailure(), OnlyTests(ours)]))
+                return int(pytest.main([*OPTIONS, *files], plugins=[ExitAtFirstFailure(), OnlyTests(ours)]))
 
             yield judged, run_isolated(work, RELOAD_TIMEOUT_S)
 
-    yield from judge_in_order(started(), jobs)
+    yield from judge_in_order(start_children(), jobs)
 
 
 def settle_hypothesis() -> None:

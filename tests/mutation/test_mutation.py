@@ -11,7 +11,7 @@ import sys
 import pytest
 
 from mutation import pages
-from mutation.children import FIRST_PATHS, SURVIVED
+from mutation.children import MUST_RELOAD, SURVIVED
 from mutation.mutate import apply, mutants
 from mutation.report import MUTATED_MODULES, REASONS, REPORT, ROOT, key, reported_modules
 from mutation.run import JudgedMutant, judge_in_order, tree_of
@@ -81,7 +81,7 @@ def test_mutants_at_import_are_marked() -> None:
 
 def test_a_mutant_that_does_not_fit_into_a_loaded_function_is_reloaded() -> None:
     """The last ``super()`` of a function, for example, changes its closure."""
-    (judged,) = judge_in_order(iter([(JudgedMutant("m", 0, SURVIVED, reloaded=False), lambda: FIRST_PATHS)]), jobs=1)
+    (judged,) = judge_in_order(iter([(JudgedMutant("m", 0, SURVIVED, reloaded=False), lambda: MUST_RELOAD)]), jobs=1)
     assert (judged.verdict, judged.reloaded) == (SURVIVED, True)
 
 
