@@ -26,9 +26,9 @@ class FrameLengths:
     """The longest reply to any of them."""
     stop: int
     delay_s: float = 0.0
-    """Longest time to the reply's first bit …"""
+    """Constant part of the longest time to the reply's first bit, in seconds."""
     delay_characters: float = 0.0
-    """… plus so many characters; RTU: the 3.5 of silence by which a station knows that the request has ended."""
+    """Rest of that time, in characters; RTU: the 3.5 of silence by which a station knows that the request has ended."""
     reply_to: Callable[[bytes], int] | None = None
     """Return the characters of the longest reply to one request; None: ``reply`` for each."""
 
@@ -50,9 +50,9 @@ class DriveVariant:
     gap_characters: float = 3.5
     gap_floor_s: float = 0.0
     min_timeout_s: float = 0.1
-    """Minimum time from the master's last bit until it may give up, in seconds …"""
+    """Constant part of the minimum time from the master's last bit until it may give up, in seconds."""
     min_timeout_characters: float = 8
-    """… plus this number of characters."""
+    """Rest of that time, in characters."""
     max_reply_lateness_s: float = 0.5
     """Longest lateness of a reply of this model, in seconds."""
     identical_probe_quarantine_s: float = 0.0

@@ -101,7 +101,7 @@ def test_i6_a_frame_sent_too_soon_after_a_failed_write_is_found(monkeypatch: pyt
     frames = [line for line in TRACE_LINES if " > " in line]
     stop = max(place for place, line in enumerate(frames) if " stop " in line)
     for nth in [nth for nth, call in enumerate(row, 1) if call == "write"][stop - 3 : stop + 12]:
-        PortFailureScenario(found, VC660, "late").run_with_failure(nth, "EIO", True)
+        PortFailureScenario(found, VC660, "sent").run_with_failure(nth, "EIO", sends_anyway=True)
     assert reported("I6")
 
 

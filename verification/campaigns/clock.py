@@ -63,7 +63,9 @@ class ClockTrial:
             return self.recorder
 
         with installed_clock(self.clock):
-            self.scenario = Scenario(self.campaign_run, variant, (1, 2), loop=loop, name=name, seed=seed, around=record)
+            self.scenario = Scenario(
+                self.campaign_run, variant, (1, 2), loop=loop, name=name, seed=seed, wrap_port=record
+            )
             self.scenario.simulated_bus.line_quality = rng.choice(CLOCK_LINE_QUALITIES)
             for address in self.scenario.drives:
                 self._record_samples(address)

@@ -50,7 +50,7 @@ class ReplugBus:
             name=f"{variant.name}/{number}",
             line_quality=HOTPLUG_LINE_QUALITIES[number % len(HOTPLUG_LINE_QUALITIES)],
             seed=number,
-            around=lambda port: self._attach_adapter(port, machine),
+            wrap_port=lambda port: self._attach_adapter(port, machine),
         )
         for address in HOTPLUG_ADDRESSES:
             self.scenario.monitor(address)

@@ -38,9 +38,9 @@ INSTANTS_PER_BUS = 50
 STOP_SETTLING_S = 20.0
 """Time after the last instant until every commanded drive must have stopped, in seconds."""
 UNCONFIRMED_ALARM_MAX_S = 2.0
-"""A stop is confirmed or alarmed within the stop bound, the ramp and this time, in seconds …"""
+"""Longest time after stop bound and ramp until a stop is confirmed or alarmed, in seconds."""
 TRANSACTIONS_AT_LIMIT = 16
-"""… or, where a drive replies at its limit, within this number of transactions."""
+"""The same as a number of failed polls, if that is longer: a drive may reply as late as its limit allows."""
 
 
 class StopBus:

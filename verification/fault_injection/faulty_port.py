@@ -35,23 +35,26 @@ def failure_modes(what: str) -> tuple[tuple[str, bool], ...]:
 
 
 class FaultyPort:
-    """Port whose ``nth`` call fails; 0: none. A failing delivery loses its bytes and the port."""
+    """Port whose ``nth`` call fails; 0: none. A failing delivery loses its bytes and the port.
+
+    ``sends_anyway``: the bytes of the failing write are sent nevertheless.
+    """
 
     def __init__(self, port: Any, loop: ErrorTolerantLoop) -> None:
         self._port, self._loop, self._receiver = port, loop, None
         self.nth = self.calls = 0
-        self.error, self.late = "", False
+        self.error, self.sends_anyway = "", False
         self.failed = ""
         self.calls_made: list[str] = []
         """Names of all calls, in order."""
-        self.lost: Callable[[], None] = lambda: None
+        self.on_lost: Callable[[], None] = lambda: None
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._port, name)
 
-    def arm(self, nth: int, error: str, late: bool) -> None:
+    def arm(self, nth: int, error: str, sends_anyway: bool) -> None:
         """Count calls from now on."""
-        self.nth, self.error, self.late, self.calls, self.failed = nth, error, late, 0, ""
+        self.nth, self.error, self.sends_anyway, self.calls, self.failed = nth, error, sends_anyway, 0, ""
         self.calls_made.clear()
 
     def _fails(self, what: str) -> Exception | None:
@@ -61,7 +64,7 @@ class FaultyPort:
             return None
         self.failed = what
         self._loop.injected = PORT_ERRORS[self.error]()
-        self.lost()
+        self.on_lost()
         return self._loop.injected
 
     async def open(self, receiver: Any) -> None:
@@ -71,7 +74,7 @@ class FaultyPort:
         await self._port.open(self)
 
     def write(self, data: bytes, /) -> None:
-        if self.late or self.calls + 1 != self.nth:
+        if self.sends_anyway or self.calls + 1 != self.nth:
             self._port.write(data)
         if (error := self._fails("write")) is not None:
             raise error
@@ -124,7 +127,7 @@ class PortFailureScenario:
         campaign_run: CampaignRun,
         variant: DriveVariant,
         name: str,
-        around: Callable[[Any], Any] = lambda port: port,
+        wrap_port: Callable[[Any], Any] = lambda port: port,
     ) -> None:
         self.campaign_run, self.variant = campaign_run, variant
         self.loop = ErrorTolerantLoop()
@@ -137,7 +140,7 @@ class PortFailureScenario:
             seed=1,
             baud=BAUD,
             ramp=RAMP_S,
-            around=lambda port: around(FaultyPort(port, self.loop)),
+            wrap_port=lambda port: wrap_port(FaultyPort(port, self.loop)),
         )
 
     @property
@@ -145,17 +148,17 @@ class PortFailureScenario:
         found: Any = self.scenario.bus.port
         return found if isinstance(found, FaultyPort) else found._port
 
-    def run_with_failure(self, nth: int = 0, error: str = "EIO", late: bool = False) -> list[str]:
+    def run_with_failure(self, nth: int = 0, error: str = "EIO", sends_anyway: bool = False) -> list[str]:
         """Run the scenario with this failure; return all calls of the port."""
-        self.port.lost = self.scenario.oracle.on_unplugged
+        self.port.on_lost = self.scenario.oracle.on_unplugged
         self._timed("close", self.scenario.bus.close)
-        self.port.arm(nth, error, late)
+        self.port.arm(nth, error, sends_anyway)
         self.run()
         self._timed("close", self.scenario.bus.close)
         self._open()
-        struck = bool(self.port.failed)
+        has_failed = bool(self.port.failed)
         works = self.check_works()
-        if not works and not struck and self.port.failed:
+        if not works and not has_failed and self.port.failed:
             works = self.check_works()
         if not works:
             self.violation("the bus does not work again")

@@ -76,7 +76,7 @@ def single_reads_decide_nothing(run: CellRun) -> None:
     monitor = scenario.monitored(1)
     states = []
     for _ in range(4):
-        scenario.manipulate_replies(1, falsified_replies(run, stands=False), 1)
+        scenario.manipulate_replies(1, falsified_replies(run, stopped=False), 1)
         for _ in range(12):
             scenario.run(0.1)
             states.append(str(monitor.status().state))
@@ -88,16 +88,16 @@ def single_reads_decide_nothing(run: CellRun) -> None:
     scenario.start_at(1, run.random_hz(15, 20))
     scenario.station(1).faults.frozen_readings = False
     for _ in range(3):
-        scenario.manipulate_replies(1, falsified_replies(run, stands=True), 1)
+        scenario.manipulate_replies(1, falsified_replies(run, stopped=True), 1)
         status = scenario.loop.run_until_complete(scenario.drives[1].status())
         scenario.expect(str(status.state) == "running", f"a running drive is called {status.state}")
 
 
-def falsified_replies(run: CellRun, stands: bool) -> Any:
+def falsified_replies(run: CellRun, stopped: bool) -> Any:
     """Return an action that falsifies the state in a reply, with a correct check."""
 
     def act(transmit: WireSend, data: bytes, when: float) -> Any:
-        return transmit(campaign_of(run.variant.model).matrix.falsify_state(run.variant, data, stands), when)
+        return transmit(campaign_of(run.variant.model).matrix.falsify_state(run.variant, data, stopped), when)
 
     return act
 

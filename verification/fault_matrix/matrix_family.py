@@ -17,7 +17,7 @@ def _no_requests(variant: DriveVariant) -> tuple[Any, ...]:
     return ()
 
 
-def _same_reply(variant: DriveVariant, data: bytes, stands: bool) -> bytes:
+def _same_reply(variant: DriveVariant, data: bytes, stopped: bool) -> bytes:
     return data
 
 
@@ -34,6 +34,6 @@ class MatrixFamily:
     undocumented_commands: Callable[[DriveVariant], Iterable[Any]] = _no_requests
     """Commands that no document explains."""
     falsify_state: Callable[[DriveVariant, bytes, bool], bytes] = _same_reply
-    """``(variant, reply, stands)`` to the reply with another state and a correct check."""
+    """``(variant, reply, stopped)`` to the reply with another state and a correct check."""
     ram_parameters: frozenset[str] = frozenset()
     """Parameters that can be written without saving them."""

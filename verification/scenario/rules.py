@@ -58,9 +58,9 @@ class FrameRules:
         self._lost_at = -inf
         self._stop_commands: set[int] = set()
         self._started: dict[int, UserCommand] = {}
-        """Command of the last start sent, by address …"""
+        """Command of the last start sent, by address."""
         self._status_reads: Counter[int] = Counter()
-        """… and the number of reads of that drive since."""
+        """Number of reads since the last start sent, by address."""
         self._jogged: set[int] = set()
         """Jogging addresses. The VC660 jogs by a level: the level bits at rest are the stop, until one of them was
         answered."""

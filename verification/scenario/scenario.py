@@ -65,10 +65,10 @@ class Scenario:
         loop: VirtualLoop | None = None,
         name: str = "",
         drives: bool = True,
-        around: Callable[[Any], Any] = lambda port: port,
+        wrap_port: Callable[[Any], Any] = lambda port: port,
         **options: Any,
     ) -> None:
-        """Build the scenario; ``around`` wraps the simulated port, to record it or to let its calls fail."""
+        """Build the scenario; ``wrap_port`` wraps the simulated port, to record it or to let its calls fail."""
         self.campaign_run, self.variant, self.name = campaign_run, variant, name or variant.name
         self.loop = loop or VirtualLoop()
         query = {
@@ -84,7 +84,7 @@ class Scenario:
             options_text = "&".join(f"{name}={value}" for name, value in query.items())
             port: Any = open_port(f"sim://{variant.model}@{listed}?{options_text}")
             self.port, self.simulated_bus = port, port.simulated_bus
-            self.bus = ObservedBus(around(self.port), name=self.name)
+            self.bus = ObservedBus(wrap_port(self.port), name=self.name)
             self.oracle = self.bus.oracle = Oracle(campaign_run, variant, self.simulated_bus, self.name, self.loop.time)
             for station in self.simulated_bus.stations:
                 station.memory.eeprom_writes.clear()  # the ramps were set at the keypad

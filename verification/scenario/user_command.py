@@ -34,9 +34,9 @@ class UserCommand:
     frames_sent: int = 0
     """Frames sent for this command, without stops."""
     frames_received: int = 0
-    """Frames that the drive received …"""
+    """Frames of this command that the drive received."""
     motion_frames_received: int = 0
-    """… and those of them that start or jog."""
+    """Received frames of this command that start or jog."""
     executions: int = 0
     """Number of times that a frame of this command started the motor (I2)."""
     outcome: Any = None

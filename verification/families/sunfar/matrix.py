@@ -38,12 +38,12 @@ def forbidden_broadcasts(variant: DriveVariant) -> Iterator[Any]:
     yield sunfar.SunfarWriteParameter(31, 1, 10, 0, False)
 
 
-def falsify_state(variant: DriveVariant, data: bytes, stands: bool) -> bytes:
+def falsify_state(variant: DriveVariant, data: bytes, stopped: bool) -> bytes:
     """Return the reply with 03H or 01H in the state field and a correct sum."""
     if len(data) != 18:
         return data
     hexed = variant.encoding == "hex"
-    state = bytes((0, 3) if stands else (0, 1)) if hexed else b"03" if stands else b"01"
+    state = bytes((0, 3) if stopped else (0, 1)) if hexed else b"03" if stopped else b"01"
     body = data[1:4] + state + data[6:13]
     total = sum(body) & 0xFFFF
     return data[:1] + body + (total.to_bytes(4) if hexed else b"%04X" % total) + data[17:]
