@@ -154,6 +154,20 @@ def test_a_capped_drive_offers_no_frequency_above_its_cap_and_says_why(draw: Dra
 
 
 @pytest.mark.parametrize(
+    ("maximum_hz", "cap_hz", "key", "highest_hz"),
+    [(2.5, None, "page.hz_none", 2.5), (50.0, 0.5, "page.hz_none_capped", 0.5)],
+)
+def test_limits_that_share_no_frequency_are_not_shown_as_a_range(
+    draw: Draw, maximum_hz: float, cap_hz: float | None, key: str, highest_hz: float
+) -> None:
+    """A group of drives from 5 Hz and up to 2.5 Hz offered "5 to 2.5 Hz"; no frequency was accepted for it."""
+    limits = {"minimum_hz": 5.0, "maximum_hz": maximum_hz, "setpoint_cap_hz": cap_hz}
+    for value in ("", "3"):
+        text = draw("control/frequency", "Frequency", {"label": "", "value": value, "onChange": None, "limits": limits})
+        assert text.replace("Hz", "", 1).strip() == i18n.text(key, "en", minimum_hz=5, maximum_hz=highest_hz)
+
+
+@pytest.mark.parametrize(
     ("leader", "offline", "is_blocked"),
     [("fan-1", "fan-2", True), ("fan-1", "fan-1", False), (None, "fan-2", False)],
 )
@@ -350,6 +364,17 @@ def test_a_stop_is_called_what_the_service_answered(draw: Draw, entry: Any, conn
     ]
     text = draw("control/stop-bar", "StopBar", {}, connection=connection, stops=stops)
     assert shown(text, STOP_STATES, what="fan-1", why="because") == [expected]
+
+
+def test_a_name_from_right_to_left_is_isolated_from_the_words_around_it(draw: Draw, blank: Any, fan: Any) -> None:
+    """Its number and the signs after it changed their places with the name, and the names of a list their order."""
+    name, stops = "משאבה 1", [{"id": 1, "target": {"kind": "drive", "id": "fan-1"}, "phase": "sending", "time_ms": 1}]
+    for title, expected in ((name, f"\u2068{name}\u2069"), ("Fan 1", "Fan 1")):
+        topics = {"drives/fan-1": fan | {"title": {"en": title, "zh": title}}}
+        text = draw("control/stop-bar", "StopBar", {}, stops=stops, topics=topics)
+        assert i18n.text("page.stop_sending", "en", what=expected) in text
+    names = blank.evaluate("(name) => import('/static/js/titles.js').then((m) => m.shortList([name, 'Fan']))", name)
+    assert names == f"\u2068{name}\u2069, Fan"
 
 
 def test_only_a_stop_that_is_being_repeated_is_called_not_confirmed_yet(draw: Draw, fan: Any) -> None:

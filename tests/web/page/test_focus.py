@@ -43,6 +43,23 @@ def test_a_window_returns_the_focus_and_its_opener_looks_like_an_action(stage: S
     assert opener.evaluate("one => one === document.activeElement")
 
 
+def test_a_press_beside_a_window_closes_it_only_while_nothing_was_typed(visit: Any) -> None:
+    """A slip of the pointer lost a whole form."""
+    page = visit("#/drive/fan-1")
+    opener = page.get_by_role("button", name=i18n.text("page.limits_change", "en"))
+    window = page.locator("dialog")
+    opener.click()
+    page.mouse.click(5, 300)
+    window.wait_for(state="detached")
+    opener.click()
+    window.locator("input").first.fill("12")
+    page.mouse.click(5, 300)
+    page.keyboard.press("Tab")  # drawn again meanwhile
+    assert window.locator("input").first.input_value() == "12"
+    page.keyboard.press("Escape")
+    window.wait_for(state="detached")
+
+
 def test_the_focus_stays_in_the_row_of_an_alarm_that_is_acknowledged(stage: Stage, visit: Any) -> None:
     """It went to the top of the page, from where the next alarm is many presses of Tab away."""
     trip(stage, "pump-2")

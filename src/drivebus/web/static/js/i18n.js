@@ -48,9 +48,15 @@ export function t(key, params = {}) {
     const rest = sentence.slice(at + place.length);
     const following = params[/^\{(\w+)/.exec(rest)?.[1]];
     const next = following === undefined ? rest[0] : paramText(following)[0];
-    return gap(before, sentence[at - 1], value[0]) + value + gap(after, value.at(-1), next);
+    return gap(before, sentence[at - 1], value[0]) + isolated(value) + gap(after, value.at(-1), next);
   });
 }
+
+/** Letters of the scripts that are written from right to left, such as Hebrew and Arabic. */
+const RIGHT_TO_LEFT = /[\u0590-\u08FF\uFB1D-\uFDFF\uFE70-\uFEFC]/;
+
+/** A name that is written from right to left, isolated from the words, numbers and signs around it. */
+export const isolated = (name) => (RIGHT_TO_LEFT.test(name) ? `\u2068${name}\u2069` : name);
 
 /** The space between two letters: Chinese has one beside Latin letters and digits only. */
 const gap = (space, left = "", right = "") => (isUnspaced(left, right) ? "" : space);

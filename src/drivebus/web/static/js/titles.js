@@ -1,7 +1,7 @@
 // Titles of drives and groups, alone and as lists. That of a drive is a signal of its own: a list is not redrawn with every
 // value of a drive.
 import { computed } from "./lib.js";
-import { t, titleOf } from "./i18n.js";
+import { isolated, t, titleOf } from "./i18n.js";
 import { drive, group } from "./store.js";
 
 /** Order of names: motor 9 before motor 10. */
@@ -26,7 +26,7 @@ export const listDrives = (ids) => shortList(ids.map(driveTitle));
 
 /** Items as a list; of many the first ones and the number of the others. */
 export function shortList(items, most = MAX_NAMES) {
-  const names = items.slice(0, most).join(t("language.between_items"));
+  const names = items.slice(0, most).map(isolated).join(t("language.between_items"));
   return items.length > most ? t("page.names_more", { names, n: items.length - most }) : names;
 }
 

@@ -125,10 +125,11 @@ const BESIDE_DIALOG = "dialog, .stopbar, .notices";
 /** Field of the form that stands above a window while every command of an idle session is refused. */
 const UNLOCK_PASSWORD = "[data-do=unlock] .password input";
 
-/** A window over the page; Escape closes it. It is not modal: after its last field comes the stop bar, then the password of an
- * idle session, then the window again. */
+/** A window over the page; Escape closes it, and a press beside it does until something was typed or chosen in it. It is not
+ * modal: after its last field comes the stop bar, then the password of an idle session, then the window again. */
 export function Dialog({ title, onClose, children, class: more = "" }) {
   const box = useRef(null);
+  const hasInput = useRef(false);
   const id = useId();
   useLayoutEffect(() => {
     const before = document.activeElement;
@@ -155,8 +156,8 @@ export function Dialog({ title, onClose, children, class: more = "" }) {
     document.addEventListener("keydown", key);
     return () => document.removeEventListener("keydown", key);
   });
-  return html`<div class="veil" onClick=${onClose}></div>
-    <dialog ref=${box} class=${`dialog ${more}`} aria-labelledby=${id} tabindex="-1">
+  return html`<div class="veil" onClick=${() => { if (!hasInput.current) onClose(); }}></div>
+    <dialog ref=${box} class=${`dialog ${more}`} aria-labelledby=${id} tabindex="-1" onInput=${() => { hasInput.current = true; }}>
       <header><h2 id=${id}>${title}</h2>
         <${Button} kind="quiet" icon="close" onClick=${onClose} aria-label=${t("page.close")} /></header>
       ${children}</dialog>`;

@@ -12,8 +12,18 @@ export function frequencyError(text, limits) {
   const { minimum_hz } = limits, maximum_hz = highestHz(limits);
   const value = numberOf(text);
   if (value === null) return t("page.not_number");
+  if (minimum_hz > maximum_hz) return rangeText(limits);
   if (value < minimum_hz || value > maximum_hz) return t("page.hz_outside", { minimum_hz, maximum_hz });
   return null;
+}
+
+/** The frequencies between the limits, and whether a cap is the upper one; limits may contradict each other, as those of the
+ * drives of a group. */
+function rangeText(limits) {
+  const range = { minimum_hz: limits.minimum_hz, maximum_hz: highestHz(limits) };
+  const isCapped = range.maximum_hz < limits.maximum_hz;
+  if (range.minimum_hz > range.maximum_hz) return t(isCapped ? "page.hz_none_capped" : "page.hz_none", range);
+  return t(isCapped ? "page.hz_capped" : "page.hz_limits", range);
 }
 
 /** Keys of the start blockers that refuse a frequency, a pause and a ramp hold too: those of every command but a stop. */
@@ -32,8 +42,7 @@ export function Frequency({ label, value, onChange, onEnter, limits, disabled })
   };
   // A finger that scrolls the page and begins on the slider has moved it before the browser takes it for a scroll.
   const before = useRef(value);
-  const help = t(maximum_hz < limits.maximum_hz ? "page.hz_capped" : "page.hz_limits", { minimum_hz, maximum_hz });
-  return html`<div class="frequency"><${Field} label=${label} wrong=${wrong} help=${help}><span class="withunit">
+  return html`<div class="frequency"><${Field} label=${label} wrong=${wrong} help=${rangeText(limits)}><span class="withunit">
       <input inputmode="decimal" autocomplete="off" maxlength="12" value=${value} disabled=${disabled} onInput=${put}
         onKeyDown=${key} aria-invalid=${wrong ? "true" : undefined} /><span>Hz</span></span><//>
     <input type="range" aria-label=${label} step="0.1" min=${minimum_hz} max=${maximum_hz} disabled=${disabled}
