@@ -249,7 +249,7 @@ def test_what_is_chosen_is_seen_with_the_colours_of_the_system(stage: Stage, vis
 
 LINES_OVER_EACH_OTHER = """(some) => some.filter((one) => {
   const style = getComputedStyle(one);
-  return parseFloat(style.lineHeight) < parseFloat(style.fontSize);
+  return !(parseFloat(style.lineHeight) >= parseFloat(style.fontSize)); // also "normal", whose height is the font's
 }).length"""
 
 
