@@ -120,3 +120,13 @@ def test_speed_0_shows_standstill_where_the_drive_reports_no_frequency() -> None
     assert found is not None and found.state is DriveState.RUNNING
     dialect = create_dialect(profile, 1)
     assert ("holding", 0x700C) in [("holding", read.register) for read in dialect.state_reads()]
+
+
+@pytest.mark.parametrize("model", ["vfd_f", "vfd_el", "vfd_e"])
+def test_frequency_0_shows_standstill_where_the_status_bits_come_from_another_model(model: str) -> None:
+    """The page of the VFD-F manual with these bits was not seen, and a copy of the drive prints them reversed."""
+    profile = profiles.load(model)
+    assert derived(profile, *words(0, 0)) is None, "the output frequency was not read"
+    for frequencies, state in (((3000, 2900), DriveState.DECELERATING), ((0, 0), DriveState.STOPPED)):
+        found = derived(profile, *words(0, 0), *outputs(*frequencies))
+        assert found is not None and found.state is state
