@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import httpx
 import pytest
 from click.testing import CliRunner
 
+from drivebus.cli.commands import control
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
+from drivebus.cli.remote.client import RemoteClient
 from drivebus.service.api.operations import API_PREFIX
 from drivebus.service.auth.actor import local_user
 from drivebus.service.auth.rights import Role
@@ -38,11 +41,11 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
 def no_leases(plant: RunningService) -> Iterator[None]:
     """Begin without leases and requests, and without the pause before a next request."""
     yield
-    control = plant.kit.service.plant
+    plant_control = plant.kit.service.plant
     plant.run_in_loop(lambda: plant.kit.call("drive.stop", drive="fan-1"))
-    control.leases.remove_drive("fan-1")
-    control.control_requests.remove_drive("fan-1")
-    control.control_requests._requested_at.clear()
+    plant_control.leases.remove_drive("fan-1")
+    plant_control.control_requests.remove_drive("fan-1")
+    plant_control.control_requests._requested_at.clear()
 
 
 def view(plant: RunningService) -> Any:
@@ -136,6 +139,25 @@ def test_a_request_is_made_and_granted_where_the_output_of_both_commands_is_lost
         assert CliRunner().invoke(cli, words, env={"DRIVEBUS_TOKEN": token(Role.ENGINEER)}).exit_code == 0
         assert asker.wait(CHILD_TIMEOUT_S) == ExitCode.DONE
     assert asked(plant, "granted")
+
+
+async def test_ctrl_c_before_the_reply_withdraws_the_request() -> None:
+    """The request stayed open although the command that asked had ended."""
+    calls, reply = list[str](), asyncio.Event()
+
+    class SlowClient:
+        async def call(self, operation: str, _: Any) -> Any:
+            calls.append(operation)
+            await reply.wait()
+
+    asking = asyncio.ensure_future(control._ask(cast("RemoteClient", SlowClient()), "fan-1", None))
+    await asyncio.sleep(0)
+    asking.cancel()
+    await asyncio.sleep(0)
+    reply.set()
+    with pytest.raises(asyncio.CancelledError):
+        await asking
+    assert calls == ["control_request.make", "control_request.withdraw"]
 
 
 def test_ctrl_c_withdraws_the_request(plant: RunningService) -> None:

@@ -50,10 +50,11 @@ async def _ask(client: RemoteClient, drive: str, reason: str | None) -> Json:
     from drivebus.service.api.operations.control import CONTROL_REQUEST_MAKE, CONTROL_REQUEST_WITHDRAW
     from drivebus.service.api.operations.drives import DRIVES_GET
 
-    found = await client.call(CONTROL_REQUEST_MAKE.name, {"drive": drive, "reason": reason})
-    made: Json = found["control_request"]
-    output.print_note("control.asked", drive=drive, owner=found["lease"]["owner"])
+    making = asyncio.ensure_future(client.call(CONTROL_REQUEST_MAKE.name, {"drive": drive, "reason": reason}))
     try:
+        found = await asyncio.shield(making)
+        made: Json = found["control_request"]
+        output.print_note("control.asked", drive=drive, owner=found["lease"]["owner"])
         while True:
             request: Json | None = (await client.call(DRIVES_GET.name, {"drive": drive}))["control_request"]
             if request is None or request["id"] != made["id"]:
@@ -62,6 +63,7 @@ async def _ask(client: RemoteClient, drive: str, reason: str | None) -> Json:
                 return request
             await asyncio.sleep(ANSWER_POLL_PERIOD_S)
     except asyncio.CancelledError:
+        await making  # the service may have made the request before its reply arrives
         await client.call(CONTROL_REQUEST_WITHDRAW.name, {"drive": drive})
         raise
 
