@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.append(str(ROOT / "docs"))
+from generator import sentences
 
-from generator import sentences  # noqa: E402
+ROOT = Path(__file__).resolve().parents[1]
 
 
 def test_every_text_is_in_the_table_or_in_a_group_of_other_texts() -> None:

@@ -6,6 +6,7 @@ import ast
 import json
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -30,6 +31,7 @@ CLI_OPTION = re.compile(r"--[a-z][\w-]*")
 TOML_KEY = re.compile(r"^\s*\[{0,2}([\w.-]+)(?:\s*=|\]{1,2}\s*$)", re.MULTILINE)
 
 
+@cache
 def has_word(name: str) -> bool:
     """Return whether one of the words is a whole part of a snake_case, kebab-case or CamelCase name."""
     return any(part.lower() in WORDS for part in PART.findall(name))

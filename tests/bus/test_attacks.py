@@ -76,7 +76,7 @@ def test_no_callback_runs_between_a_permit_check_and_its_frame() -> None:
         bus.start_polling(1, [Poll(read(), 10.0, 0.0)], sink)
         before = len(port.sent)
         await bus.transact(start_request(bus.core))
-        assert left == [before + 1], "the start was held back until the sink had latched the bus"
+        assert left == [before + 1], "the start was held back until the sink had inhibited starts"
         result = await bus.transact(start_request(bus.core))
         assert isinstance(result.error, NotPermitted)
         await bus.close()

@@ -14,16 +14,18 @@ from verification.campaigns import soak
 
 DONE = [name for name in CAMPAIGN_NAMES if importlib.util.find_spec(f"verification.campaigns.{name}")]
 SHORT = {
-    "fuzz": 20_000,
+    "fuzz": 4_000,
     "flips": 2_000,
     "late": 400,
     "commands": 60,
     "stop": 60,
-    "fairness": 2,
+    "fairness": 1,
     "replug": 8,
     "clock": 20,
     "audit": 60,
     "statements": 60,
+    "failures": 1,
+    "matrix": 24,
 }
 """Budgets that show whether unseeded randomness, hashes or addresses influence a run."""
 

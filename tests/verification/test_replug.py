@@ -1,4 +1,4 @@
-"""The campaign ``replug`` finds no violation, is reproducible, and finds planted errors."""
+"""The campaign ``replug`` finds no violation, follows its seed, and finds planted errors."""
 
 from __future__ import annotations
 
@@ -21,16 +21,13 @@ def violations(budget: int = 40) -> list[str]:
     return run_campaign(load_campaign("replug"), CampaignRun(campaign="replug", seed=1, budget=budget)).violations
 
 
-def test_the_first_unplugs_have_no_violation_and_are_reproducible() -> None:
+def test_another_seed_unplugs_at_other_times() -> None:
     first, second = (
-        run_campaign(load_campaign("replug"), CampaignRun(campaign="replug", seed=1, budget=60)) for _ in range(2)
+        run_campaign(load_campaign("replug"), CampaignRun(campaign="replug", seed=seed, budget=4)) for seed in (1, 2)
     )
-    assert first.violations == [] and first.trials == 60
-    assert first.digest == second.digest
+    assert first.violations == second.violations == [] and first.trials == second.trials == 4
     assert first.figures["names of the adapter"] != 1 and first.figures["real reopenings"]
-    assert (
-        run_campaign(load_campaign("replug"), CampaignRun(campaign="replug", seed=2, budget=1)).digest != first.digest
-    )
+    assert first.digest != second.digest
 
 
 def test_a_drive_with_identical_sync_probes_returns_after_its_quarantine() -> None:

@@ -138,6 +138,6 @@ CAMPAIGN = Campaign(
         "I10",
     ),
     full_budget=10_000,
-    ci_budget=8,
+    ci_budget=4,
     run=run,
 )

@@ -163,6 +163,6 @@ CAMPAIGN = Campaign(
         "T19",
     ),
     full_budget=10**8,
-    ci_budget=2 * 10**5,
+    ci_budget=50_000,
     run=run,
 )

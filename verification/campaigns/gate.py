@@ -43,7 +43,7 @@ def full_explorations() -> list[Exploration]:
     """Return all searches: every model and command kind, starts also on finer grids, retried commands also with damaged
     replies and cancelled requests."""
     plain, brief = SearchDomain(rare=False), SearchDomain(rare=False, without=frozenset({"raw", "sleep"}))
-    damaged = SearchDomain(without=frozenset({"raw", "sleep", "hang", "everyone", "remove", "lose", "latch"}))
+    damaged = SearchDomain(without=frozenset({"raw", "sleep", "hang", "everyone", "remove", "lose", "inhibit"}))
     parts = [
         Exploration(model, kind, COARSE_GRID, plain)
         for model in MODEL_NAMES
@@ -63,20 +63,15 @@ def full_explorations() -> list[Exploration]:
     return parts + [Exploration(model, CommandKind.START, COARSE_GRID, plain, WireState) for model in MODEL_NAMES]
 
 
-EVENTS_NOT_IN_CI = frozenset({"hang", "raw", "sleep", "remove"})
+EVENTS_NOT_IN_CI = frozenset({"hang", "raw", "sleep", "remove", "lose", "inhibit"})
 """Events that only the full domain contains."""
 
 
 def ci_explorations() -> list[Exploration]:
     """Return the searches of continuous integration: one command kind of each model, with fewer events and inputs."""
-    parts = [
-        Exploration(
-            "c320", CommandKind.START, COARSE_GRID, SearchDomain(rare=False, small=True, without=EVENTS_NOT_IN_CI)
-        )
-    ]
-    less = SearchDomain(rare=False, small=True, without=EVENTS_NOT_IN_CI | {"lose", "latch"})
-    others = (("dzb100", CommandKind.SETPOINT), ("vc660", CommandKind.START), ("df800", CommandKind.START))
-    return parts + [Exploration(model, kind, COARSE_GRID, less) for model, kind in others]
+    less = SearchDomain(rare=False, small=True, without=EVENTS_NOT_IN_CI)
+    kinds = {model: CommandKind.START for model in ("c320", "vc660", "df800")} | {"dzb100": CommandKind.SETPOINT}
+    return [Exploration(model, kind, COARSE_GRID, less) for model, kind in kinds.items()]
 
 
 NOT_EXPLORED = (

@@ -233,6 +233,6 @@ CAMPAIGN = Campaign(
         "T04",
     ),
     full_budget=10**7,
-    ci_budget=4000,
+    ci_budget=2000,
     run=run,
 )

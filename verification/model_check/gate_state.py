@@ -184,7 +184,7 @@ class GateState:
         ):
             found += ["reply"] + ["garble"] * rare
         found += ["open"] if not core.is_open else ["lose"]
-        found += ["release"] if self.monitor.latched else ["latch"]
+        found += ["release"] if self.monitor.start_inhibited else ["inhibit"]
         found += ["remove"] if present else ["add"]
         found += ["hang"] * alive
         queued = {prepared.token for queue in core.scheduler.queues for prepared in queue}
@@ -237,12 +237,12 @@ class GateState:
             self.command = self.model_command = self.held_permit = None
             self._sequence_started = False
         if (
-            self.monitor.latched
+            self.monitor.start_inhibited
             and self.model_command is None
             and not self.permits
             and OUR_ADDRESS in self.core.stations
         ):
-            self._latch("", False)
+            self._set_start_inhibit("", False)
 
     def grant(self, place: int, shown: PermissiveInputs, missing: tuple[str, ...]) -> Self:
         """Grant a permit for this combination of inputs."""
@@ -290,8 +290,8 @@ class GateState:
         self.monitor.on_port_lost()
         self._perform(self._own_core().on_port_lost(PortLost("bus.closed"), self.now))
 
-    def _latch(self, _: str, on: bool = True) -> None:
-        self.monitor.latched = on
+    def _set_start_inhibit(self, _: str, on: bool = True) -> None:
+        self.monitor.start_inhibited = on
         self._own_core().set_start_inhibit(None, on)
 
     def _remove(self, _: str) -> None:
@@ -452,8 +452,8 @@ _EVENTS: dict[str, Callable[[GateState, str], None]] = {
     "garble": lambda state, rest: state._reply(rest, 1),
     "open": GateState._open,
     "lose": GateState._lose_port,
-    "latch": GateState._latch,
-    "release": lambda state, rest: state._latch(rest, False),
+    "inhibit": GateState._set_start_inhibit,
+    "release": lambda state, rest: state._set_start_inhibit(rest, False),
     "remove": GateState._remove,
     "add": lambda state, rest: state._add(rest),
     "read": GateState._read,

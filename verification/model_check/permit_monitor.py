@@ -62,7 +62,7 @@ class PermitMonitor:
 
     model: str
     counts: EventCounts = EventCounts()
-    latched: bool = False
+    start_inhibited: bool = False
     is_open: bool = False
     present: bool = True
     command_word: int = 0
@@ -72,7 +72,7 @@ class PermitMonitor:
         return PermitMonitor(
             model=self.model,
             counts=self.counts,
-            latched=self.latched,
+            start_inhibited=self.start_inhibited,
             is_open=self.is_open,
             present=self.present,
             command_word=self.command_word,
@@ -93,8 +93,8 @@ class PermitMonitor:
     def missing_for_frame(self, record: PermitRecord, now: float) -> tuple[str, ...]:
         """Return the conditions that are missing now for the first bit of this frame."""
         found = [*record.missing, *self.counts.missing_since(record.counts)]
-        found += ["unexpired"] * (now > record.expires_at) + ["not latched"] * (
-            self.latched and record.effect is RequestEffect.MOTION
+        found += ["unexpired"] * (now > record.expires_at) + ["no start inhibit"] * (
+            self.start_inhibited and record.effect is RequestEffect.MOTION
         )
         found += ["port open"] * (not self.is_open) + ["station known"] * (not self.present)
         found += ["sent once"] * (record.frames_sent > 0 and record.effect is RequestEffect.MOTION)
@@ -103,7 +103,11 @@ class PermitMonitor:
     def missing_for_permit(self, command: ModelCommand, limit_s: float, now: float) -> tuple[str, ...]:
         """Return the conditions of command and station that are missing for a permit."""
         expired = ("unexpired",) if now > command.made_at + limit_s else ()
-        return self.counts.missing_since(command.counts) + expired + (("not latched",) if self.latched else ())
+        return (
+            self.counts.missing_since(command.counts)
+            + expired
+            + (("no start inhibit",) if self.start_inhibited else ())
+        )
 
     def on_frame_sent(
         self, data: bytes, records: dict[int, PermitRecord], now: float

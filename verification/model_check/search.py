@@ -142,7 +142,7 @@ class StateSearch:
 
     def _check_forged(self, state: GateState, number: int, depth: int, sole_reasons: set[str]) -> None:
         """Check that requests without a granted permit are rejected at once, alike in each situation."""
-        situation = state.core.is_open, state.monitor.present, state.monitor.latched, state.held_permit_key()
+        situation = state.core.is_open, state.monitor.present, state.monitor.start_inhibited, state.held_permit_key()
         found = self._refused.get(situation)
         if found is None:
             after = state.copy().apply("forge")
@@ -176,7 +176,7 @@ class StateSearch:
 
     def _decide(self, state: GateState, place: int) -> PermitDecision:
         """Return the decisions of the permissives, computed once for each situation."""
-        situation = state.command_key(), state.monitor.latched, state.command_word, place
+        situation = state.command_key(), state.monitor.start_inhibited, state.command_word, place
         found = self._decisions.get(situation)
         if found is None:
             found = self._decisions[situation] = decide_permit(self.subject, state, place, self.domain.small)

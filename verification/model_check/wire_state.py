@@ -13,12 +13,12 @@ from verification.model_check.gate_state import GateState
 from verification.model_check.model_subject import OUR_ADDRESS, ModelSubject, normal_reply
 from verification.model_check.permissive_inputs import PermissiveInputs, all_permissives_met
 
-FOREIGN_MASTER_LATCH_S, DUPLICATE_LATCH_S = 60.0, 600.0
+FOREIGN_MASTER_WINDOW_S, DUPLICATE_WINDOW_S = 60.0, 600.0
 """Seconds after which a foreign master and a duplicate address are no longer assumed."""
 DETECTIONS_TO_BLOCK = 2
 """Detections that raise the alarm; a single one may be an error."""
 
-EVENTS_OF_OTHER_SEARCH = frozenset({"raw", "latch", "release", "hang", "stop", "sleep", "create"})
+EVENTS_OF_OTHER_SEARCH = frozenset({"raw", "inhibit", "release", "hang", "stop", "sleep", "create"})
 """Events of the first part."""
 
 SILENCE_GRID_TICKS = 3
@@ -66,11 +66,11 @@ class WireState(GateState):
     def missing_on_wire(self) -> tuple[str, ...]:
         """Return the conditions that the wire itself denies now."""
         foreign_master = (
-            sum(self.now - at <= FOREIGN_MASTER_LATCH_S for at in self.foreign_requests[-DETECTIONS_TO_BLOCK:])
+            sum(self.now - at <= FOREIGN_MASTER_WINDOW_S for at in self.foreign_requests[-DETECTIONS_TO_BLOCK:])
             >= DETECTIONS_TO_BLOCK
         )
         duplicate = (
-            sum(self.now - at <= DUPLICATE_LATCH_S for at in self.duplicate_replies[-DETECTIONS_TO_BLOCK:])
+            sum(self.now - at <= DUPLICATE_WINDOW_S for at in self.duplicate_replies[-DETECTIONS_TO_BLOCK:])
             >= DETECTIONS_TO_BLOCK
         )
         return ("no foreign master",) * foreign_master + ("no duplicate",) * duplicate
@@ -92,9 +92,9 @@ class WireState(GateState):
         if event == "command":
             self._command()
         elif event == "quiet":
-            self.now += FOREIGN_MASTER_LATCH_S + 1.0 if self.foreign_requests else DUPLICATE_LATCH_S + 1.0
+            self.now += FOREIGN_MASTER_WINDOW_S + 1.0 if self.foreign_requests else DUPLICATE_WINDOW_S + 1.0
             self.foreign_requests = ()
-            self.duplicate_replies = tuple(at for at in self.duplicate_replies if self.now - at <= DUPLICATE_LATCH_S)
+            self.duplicate_replies = tuple(at for at in self.duplicate_replies if self.now - at <= DUPLICATE_WINDOW_S)
         else:
             self._receive(event)
         self.command_word = self.subject.command_word
