@@ -65,6 +65,30 @@ def test_a_result_that_another_task_causes_is_delivered_in_the_next_turn() -> No
     asyncio.run(main())
 
 
+def test_a_failed_transaction_is_reported_in_the_next_turn() -> None:
+    """A stop repeated within the loss of its port would find the port closed instead of waiting for its reopening."""
+
+    async def main() -> None:
+        loop, order = asyncio.get_running_loop(), list[str]()
+        future = TransactionFuture(loop=loop)
+
+        async def waiter() -> None:
+            assert (await future).error is not None
+            order.append("task")
+
+        def fail() -> None:
+            future.set_result(BusResult(bus_request=read_request(), error=PortLost("bus.closed")))
+            order.append("after set_result")
+
+        task = asyncio.create_task(waiter())
+        await asyncio.sleep(0)
+        loop.call_soon(fail)
+        await task
+        assert order == ["after set_result", "task"]
+
+    asyncio.run(main())
+
+
 def test_a_cancelled_task_ends_while_its_frame_is_on_the_wire() -> None:
     async def main() -> None:
         bus, _ = one_station_bus()

@@ -279,9 +279,9 @@ class Bus:
         if self._loop is None or not self.core.is_open:
             return
         assert self._clock is not None
+        self._perform(self.core.on_port_lost(error, self._clock()))
         if self._reopening is None or self._reopening.done():
             self._reopening = self._loop.create_task(self._reopen(), name=f"reopen {self.name}")
-        self._perform(self.core.on_port_lost(error, self._clock()))  # last: a task that it fails may close the bus
 
     async def _reopen(self) -> None:
         """Try to open the port until it is open and not lost by its first frame."""

@@ -1,6 +1,6 @@
-"""Future of one awaited transaction, whose task goes on at once instead of in the next turn of the event loop.
+"""Future of one awaited transaction, whose task goes on within the delivery of the reply.
 
-The turn would cost a system call and a tenth of the processor time of the whole transaction.
+The next turn of the event loop would cost a system call and a tenth of the processor time of the whole transaction.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from drivebus.bus.messages import BusResult
 
 
 class TransactionFuture(asyncio.Future[BusResult]):
-    """Future that one task awaits; it takes no other callback. ``set_result`` runs the task up to its next ``await``.
+    """Future that one task awaits; it takes no other callback. A reply runs the task up to its next ``await``.
 
-    A task that is running calls back through the loop, because no other task can run within it.
+    Where another task is running, or the transaction failed, the task goes on in the next turn: no task can run within
+    another, and a request after a lost port belongs after its reopening.
     """
 
     _wake_up: Callable[[TransactionFuture], object] | None = None
@@ -35,7 +36,7 @@ class TransactionFuture(asyncio.Future[BusResult]):
         if self._wake_up is None:
             return
         loop = self.get_loop()
-        if asyncio.current_task(loop) is not None:
+        if result.error is not None or asyncio.current_task(loop) is not None:
             self._wake_up_later()
             return
         try:
