@@ -15,7 +15,7 @@ ALONE := tests/web/page/test_jog.py tests/real tests/web/api tests/web/live test
 # These wait for a browser and for real clocks most of the time: two browsers share the cores.
 BROWSER := tests/web/page
 # These hold to the real clock of slow buses and other programs: they wait nearly all the time, so three wait at once.
-WAITING := tests/cli tests/interop tests/ports
+WAITING := tests/cli tests/interop tests/ports tests/gateways tests/service/process
 # The commands of the documentation wait for each other, so all requests of the API have the second core meanwhile.
 DOCUMENTED := tests/test_examples.py tests/test_guides.py tests/test_api_guide.py tests/test_guide_commands.py \
 	tests/web/api/test_schemathesis.py

@@ -43,9 +43,10 @@ def campaign(budget: int, seed: int = 1) -> CampaignRun:
     return campaign_run
 
 
-@pytest.fixture(autouse=True)
-def _no_figures_of_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fuzz, "decode_costs", lambda rng: {})
+def test_the_costs_of_a_codec_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fuzz, "FUZZED_CODECS", {"dzb100": FUZZED_CODECS["dzb100"]})
+    (costs,) = fuzz.decode_costs(Random(1)).values()
+    assert costs and min(costs.values()) > 0
 
 
 def test_garbage_finds_no_violation_and_another_seed_sends_other_garbage() -> None:

@@ -111,7 +111,8 @@ def run(campaign_run: CampaignRun) -> None:
         campaign_run.add_trials(max(0, done // len(totals) - campaign_run.trials))
     for name, total in totals.items():
         _check_totals(campaign_run, name, total)
-    campaign_run.machine["cost"] = decode_costs(campaign_run.rng("cost"))
+    if campaign_run.budget >= CAMPAIGN.full_budget:
+        campaign_run.machine["cost"] = decode_costs(campaign_run.rng("cost"))
 
 
 def _tasks(campaign_run: CampaignRun) -> Iterator[FuzzTask]:

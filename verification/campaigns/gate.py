@@ -70,7 +70,7 @@ EVENTS_NOT_IN_CI = frozenset({"hang", "raw", "sleep", "remove", "lose", "inhibit
 def ci_explorations() -> list[Exploration]:
     """Return the searches of continuous integration: one command kind of each model, with fewer events and inputs."""
     less = SearchDomain(rare=False, small=True, without=EVENTS_NOT_IN_CI)
-    kinds = {model: CommandKind.START for model in ("c320", "vc660", "df800")} | {"dzb100": CommandKind.SETPOINT}
+    kinds = dict.fromkeys(("c320", "vc660", "df800"), CommandKind.START) | {"dzb100": CommandKind.SETPOINT}
     return [Exploration(model, kind, COARSE_GRID, less) for model, kind in kinds.items()]
 
 
