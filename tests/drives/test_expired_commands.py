@@ -13,7 +13,7 @@ import pytest
 
 from drivebus.bus.messages import BusRequest
 from drivebus.bus.trace import TraceEvent, TraceKind
-from drivebus.drives import Drive
+from drivebus.drives import Drive, stop_supervisor
 from drivebus.drives.operations.calibration_run import run_at_word
 from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContext
 from drivebus.drives.operations.direction_calibration import calibration_jog
@@ -294,3 +294,19 @@ def test_a_stop_begins_again_where_the_machine_slept_meanwhile(
     assert suspended or waits_s[0] < 0.06, "one read may go before it"
     with running(loop):
         drive.close()
+
+
+def test_a_stop_on_a_host_that_is_always_late_ends_as_unconfirmed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It began again for ever, and its caller never learned that the drive had not stopped."""
+    monkeypatch.setattr(stop_supervisor, "HOST_STALL_S", -10.0)
+
+    async def scenario() -> None:
+        async with SimulatedDrives("c320", query="echo=off&ramp=1") as bench:
+            drive = bench.drive()
+            await drive.run(20.0)
+            bench.station()._stop = lambda jog_only: None
+            with pytest.raises(StopUnconfirmed):
+                await asyncio.wait_for(drive.stop(), 60.0)
+            assert drive.stop_pending
+
+    run_virtual(scenario())

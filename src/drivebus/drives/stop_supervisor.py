@@ -52,9 +52,9 @@ class StopSupervisor:
         ``drive_count``: number of drives on the bus that are stopped at the same time and read in turns.
         """
         self._runner.drive.require_capability(mode.value)
-        outcome: Outcome | None = None
-        while outcome is None:
-            outcome = await self._stop_once(mode, wait, drive_count)
+        outcome, was_suspended = await self._stop_once(mode, wait, drive_count)
+        if was_suspended:  # the drive's reports are from before that
+            outcome, _ = await self._stop_once(mode, wait, drive_count)
         if outcome.key == "drives.stop_answered":  # all that a caller who does not ``wait`` asks for
             return outcome
         return raise_for_status(outcome, stop=True)
@@ -78,11 +78,10 @@ class StopSupervisor:
             self.start_repetition(mode)
         return outcome
 
-    async def _stop_once(self, mode: StopMode, wait: bool, drive_count: int) -> Outcome | None:
-        """Return the outcome of a stop, at its deadline as unconfirmed: its reads may still wait for their turn.
+    async def _stop_once(self, mode: StopMode, wait: bool, drive_count: int) -> tuple[Outcome, bool]:
+        """Return the outcome of a stop, and whether it is unconfirmed because the host slept until after it.
 
-        None where the host was suspended until after the deadline. The reports of the drive are from before that, so
-        the stop begins again.
+        It is unconfirmed at its deadline, because its reads may still wait for their turn.
         """
         self.cancel_repetition()
         bus, op = self._runner.bus, OperationContext(self._runner.drive)
@@ -93,14 +92,10 @@ class StopSupervisor:
             left_s = progress.deadline - bus.now()
             if left_s <= MIN_WAIT_S:
                 task.cancel()
-                if left_s < -HOST_STALL_S:
-                    return None
                 self.start_repetition(mode)
-                return stop_operation.unconfirmed_outcome(op)
+                return stop_operation.unconfirmed_outcome(op), left_s < -HOST_STALL_S
             await asyncio.wait({task}, timeout=left_s)
-        outcome = task.result()
-        was_suspended = bus.now() > progress.deadline + HOST_STALL_S
-        return None if was_suspended and self.pending else outcome
+        return task.result(), self.pending and bus.now() > progress.deadline + HOST_STALL_S
 
     def _on_stop_ended(self, task: asyncio.Task[Outcome]) -> None:
         """Retrieve the exception: a stop whose caller is gone may end with its drive's registration."""
