@@ -130,3 +130,16 @@ def test_frequency_0_shows_standstill_where_the_status_bits_come_from_another_mo
     for frequencies, state in (((3000, 2900), DriveState.DECELERATING), ((0, 0), DriveState.STOPPED)):
         found = derived(profile, *words(0, 0), *outputs(*frequencies))
         assert found is not None and found.state is state
+
+
+def status_is_borrowed(profile: profiles.DriveProfile) -> bool:
+    found = profile.evidence.get("status")
+    return found is not None and found.kind == "sister"
+
+
+def test_no_status_word_known_from_a_sister_model_alone_confirms_a_stop() -> None:
+    """Another maker's copy may use other bits, and a turning motor would be reported as stopped."""
+    borrowed = [profile for profile in map(profiles.load, profiles.models()) if status_is_borrowed(profile)]
+    assert len(borrowed) > 10
+    alone = [profile.model for profile in borrowed if profile.status.standstill == "status"]
+    assert alone == ["v1000"], "the V1000 has no signal of its output frequency"
