@@ -375,7 +375,7 @@ def test_i12_requests_remembered_without_limit(campaign_run: CampaignRun, monkey
     monkeypatch.setattr(
         BusCore,
         "_remember_unanswered",
-        lambda core, transaction, now: remembered.append(UnansweredRequest(now, transaction.prepared, now)),
+        lambda core, station, request, tx_end_at, now: remembered.append(UnansweredRequest(now, request, now)),
     )
     scenario = make_scenario(campaign_run, line_quality="loss=0.1")
     scenario.bus.core.stations[1].unanswered_requests = remembered

@@ -80,6 +80,6 @@ CAMPAIGN = Campaign(
         "T21",
     ),
     full_budget=FULL_BUDGET,
-    ci_budget=_sizes()[1] + _sizes()[2] + 200_000,
+    ci_budget=_sizes()[1] + _sizes()[2],
     run=run,
 )
