@@ -28,9 +28,10 @@ class SessionEndWatch:
 
     async def _report_end(self, credential: Credential) -> None:
         reason = await credential.wait_ended()
-        if credential.end_reason is not None or not credential.actor.may(Right.OPERATE):
-            entry = {"what": SESSION_ENDED, "target": "", "params": {"ended_by": reason}, "outcome": "done"}
-            await try_record(self._client, entry, credential.actor)
+        while credential.end_reason is None and credential.actor.may(Right.OPERATE):  # the token lost another right
+            reason = await credential.wait_ended()
+        entry = {"what": SESSION_ENDED, "target": "", "params": {"ended_by": reason}, "outcome": "done"}
+        await try_record(self._client, entry, credential.actor)
 
     async def close(self) -> None:
         """End the watch, at the end of the process: leases that nobody renews end by themselves."""

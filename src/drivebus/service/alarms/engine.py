@@ -89,7 +89,7 @@ DEFAULT_ALARMS = (
 )
 """Alarms of every drive for which the plant file configures none of that kind."""
 MAX_UNACKNOWLEDGED_PER_KEY = 20
-"""Cleared, unacknowledged alarms listed for one key: a drive may report ever other faults."""
+"""Cleared, unacknowledged alarms listed for one key: a drive may report another fault code each time."""
 MAX_REPEATED_IDS = 5_000
 """Ids of earlier occurrences that still stand for their alarm: a user may act on what a page showed a moment ago."""
 AUTOMATIC_ACKNOWLEDGER = "drivebus"
@@ -115,8 +115,8 @@ class AlarmEngine:
         self._next_number = first_number
         self._alarms: dict[str, Alarm] = {}
         self._uncleared: dict[AlarmKey, str] = {}
-        self._newest_ids: dict[str, list[str]] = {}
-        """Id of an occurrence that was repeated → id of the newest one, in a list that its occurrences share."""
+        self._first_ids: dict[str, str] = {}
+        """Id of an occurrence that was repeated → id of the first one, which the newest one has too."""
         self._of_former_motors: set[str] = set()
         """Cleared alarms that no later one repeats: they are of a motor that a reload has replaced."""
         self._shelves = AlarmShelf()
@@ -244,10 +244,9 @@ class AlarmEngine:
         if cleared:
             alarm = alarm.repeating(cleared[-1])
             del self._alarms[cleared[-1].id]
-            newest = self._newest_ids[cleared[-1].id] = self._newest_ids.setdefault(alarm.first_id, [])
-            newest[:] = [alarm.id]
-        while len(self._newest_ids) > MAX_REPEATED_IDS:
-            del self._newest_ids[next(iter(self._newest_ids))]
+            self._first_ids[cleared[-1].id] = alarm.first_id
+        if len(self._first_ids) > MAX_REPEATED_IDS:
+            del self._first_ids[next(iter(self._first_ids))]
         return alarm
 
     def _is_repeated_by(self, alarm: Alarm, earlier: Alarm) -> bool:
@@ -295,8 +294,10 @@ class AlarmEngine:
 
     def find(self, id: str) -> Alarm | None:
         """Return an active alarm by the id of its newest occurrence, or of an earlier one; None if there is none."""
-        (newest,) = self._newest_ids.get(id, (id,))
-        return self._alarms.get(newest)
+        first_id = self._first_ids.get(id)
+        if first_id is None:
+            return self._alarms.get(id)
+        return next((one for one in self._alarms.values() if one.first_id == first_id), None)
 
     def _get(self, id: str) -> Alarm:
         alarm = self.find(id)

@@ -142,7 +142,8 @@ def _decode_line(line: bytes) -> Alarm | None:
     """Return the alarm of a line; None for a torn or damaged one."""
     try:
         alarm = Alarm.from_json(json.loads(line))
-        alarm_number(alarm.id), alarm_number(alarm.first_id)
+        alarm_number(alarm.id)
+        alarm_number(alarm.first_id)
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
     return alarm

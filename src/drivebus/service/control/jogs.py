@@ -82,22 +82,25 @@ class RemoteJogs:
 
     def end_control(self, session: str) -> list[str]:
         """End the jogs of a session that has ended; return their drives."""
-        jogs = [jog for jog in self._active.values() if jog.actor.session == session]
-        for jog in jogs:
+        jogs = {id: jog for id, jog in self._active.items() if jog.actor.session == session}
+        for id, jog in jogs.items():
             jog.session.expire()
-        self.expire("plant.jog_ended_with_session")
-        return [jog.drive.id for jog in jogs]
+            self._remove_expired(id, "plant.jog_ended_with_session")
+        return [jog.drive.id for jog in jogs.values()]
 
-    def expire(self, key: str = "plant.jog_lost") -> None:
-        """Remove jogs that were not renewed in time. Their stop is on its way; its outcome becomes an event."""
-        for id, jog in tuple(self._active.items()):
-            if jog.session.expired:
-                del self._active[id]
-                self.plant.record_stop_request(jog.drive, by=jog.actor.name, kind="jog")
-                self.plant.publish_event("lease", jog.drive.id, key, actor=jog.actor.name)
-                task = asyncio.create_task(self._finish_expired(jog), name=f"lost jog of {jog.drive.id}")
-                self._stop_tasks.add(task)
-                task.add_done_callback(self._stop_tasks.discard)
+    def expire(self) -> None:
+        """Remove jogs that were not renewed in time."""
+        for id in [id for id, jog in self._active.items() if jog.session.expired]:
+            self._remove_expired(id, "plant.jog_lost")
+
+    def _remove_expired(self, id: str, key: str) -> None:
+        """Remove a jog whose stop is on its way, with an event of this key; the outcome becomes another one."""
+        jog = self._active.pop(id)
+        self.plant.record_stop_request(jog.drive, by=jog.actor.name, kind="jog")
+        self.plant.publish_event("lease", jog.drive.id, key, actor=jog.actor.name)
+        task = asyncio.create_task(self._finish_expired(jog), name=f"lost jog of {jog.drive.id}")
+        self._stop_tasks.add(task)
+        task.add_done_callback(self._stop_tasks.discard)
 
     async def _finish_expired(self, jog: ActiveJog) -> None:
         try:

@@ -112,7 +112,7 @@ class ConfigReload:
             raise ServiceError("plant.reload_last_turning", drives=Text.join_names(silent))
 
     def _notes_of_limits(self, change: ConfigDiff) -> list[Json]:
-        """Return a note for each drive that runs above a limit that this reload has changed."""
+        """Return a note for each drive with a changed table that runs above its limit."""
         drives = (self.plant.drives[id] for id in change.drives.changed)
         return [note for runtime in drives if (note := self.plant.report_above_limit(runtime)) is not None]
 
