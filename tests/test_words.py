@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -37,8 +37,8 @@ def has_word(name: str) -> bool:
     return any(part.lower() in WORDS for part in PART.findall(name))
 
 
-def assigned_names(tree: ast.AST) -> Iterator[str]:
-    for node in ast.walk(tree):
+def assigned_names(nodes: Iterable[ast.AST]) -> Iterator[str]:
+    for node in nodes:
         match node:
             case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name) | ast.ClassDef(name=name):
                 yield name
@@ -52,14 +52,14 @@ def assigned_names(tree: ast.AST) -> Iterator[str]:
                 yield from names
 
 
-def cli_options(tree: ast.AST) -> Iterator[str]:
-    for node in ast.walk(tree):
+def cli_options(nodes: Iterable[ast.AST]) -> Iterator[str]:
+    for node in nodes:
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and CLI_OPTION.fullmatch(node.value):
             yield node.value
 
 
-def first_sentences(tree: ast.AST) -> Iterator[str]:
-    for node in ast.walk(tree):
+def first_sentences(nodes: Iterable[ast.AST]) -> Iterator[str]:
+    for node in nodes:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Module):
             docstring = ast.get_docstring(node)
             if docstring:
@@ -67,9 +67,9 @@ def first_sentences(tree: ast.AST) -> Iterator[str]:
 
 
 def python_findings(source: str) -> set[str]:
-    tree = ast.parse(source)
-    found = {name for name in [*assigned_names(tree), *cli_options(tree)] if has_word(name)}
-    sentences = list(first_sentences(tree))
+    nodes = [*ast.walk(ast.parse(source))]
+    found = {name for name in [*assigned_names(nodes), *cli_options(nodes)] if has_word(name)}
+    sentences = list(first_sentences(nodes))
     found |= {text for text in sentences if OPENINGS.match(text)}
     return found | {text for text in sentences if set(re.findall(r"[a-z]+", text.lower())) & WORDS}
 
