@@ -124,7 +124,8 @@ def test_a_drive_that_ran_at_its_keypad_when_it_answered_last_does_not_leave_the
                 assert rejected.value.key == "plant.reload_last_turning"
             write(file, FAN_1, FAN_2, head=HEAD.replace("name=a", "name=other"))
             await kit.call("configuration.reload")
-            assert "fan-2" in kit.service.plant.drives, "behind another adapter it is watched again"
+            moved = kit.service.plant.drives["fan-2"]
+            assert moved is not runtime and moved.last_known_turning, "behind another adapter it is watched again"
 
     run(scenario())
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pytest
 from httpx import AsyncClient
 
 from drivebus.profiles.diagnostics import bilingual_text
@@ -72,15 +73,18 @@ def test_a_removed_user_loses_control_at_once_and_each_drive_does_what_its_polic
     on_a_plant(tmp_path, scenario)
 
 
-def test_a_jog_of_a_disabled_user_is_stopped_at_once(tmp_path: Path) -> None:
+@pytest.mark.parametrize("drive", ["fan-1", "fan-2"], ids=["stop", "hold"])
+def test_a_jog_of_a_disabled_user_is_stopped_at_once(tmp_path: Path, drive: str) -> None:
     async def scenario(kit: ServiceKit, harness: WebAppHarness) -> None:
         user, chief = await harness.log_in("operator"), await harness.log_in("administrator")
-        await start(user, "fan-1", "jog")
+        await start(user, drive, "jog")
         answer = await chief.patch("/api/v1/users/operator", json={"disabled": True})
         assert answer.status_code == 200, answer.text
         await asyncio.sleep(JOG_LEASE_S / 2)
-        assert kit.drives_of_events("plant.jog_ended_with_session") == ["fan-1"], "without waiting for its renewal"
-        assert kit.service.plant.drives["fan-1"].last_stop is not None
+        assert kit.drives_of_events("plant.jog_ended_with_session") == [drive], "without waiting for its renewal"
+        assert kit.service.plant.alarms.active() == [], "its motor is being stopped"
+        assert not kit.drives_of_events("plant.stopped_client_lost"), "one stop is enough"
+        assert kit.service.plant.drives[drive].last_stop is not None
 
     on_a_plant(tmp_path, scenario)
 

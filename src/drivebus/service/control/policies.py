@@ -54,7 +54,7 @@ class StopPolicies:
             self._on_hand_over_unused(runtime, owner)
             return
         self.plant.publish_event("lease", runtime.id, key, actor=owner, owner=owner, **params)
-        if not may_be_running(runtime) and not _state_lost(runtime):
+        if runtime.drive.stopping or (not may_be_running(runtime) and not _state_lost(runtime)):
             return
         if runtime.config.on_client_lost is OnClientLost.STOP:
             self.stop_drive(runtime, "plant.stopped_client_lost", owner=owner)

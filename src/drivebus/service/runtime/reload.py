@@ -106,8 +106,7 @@ class ConfigReload:
         turning = [id for id in lost if may_be_running(self.plant.drives[id]) or self.plant.drives[id].drive.stopping]
         if turning:
             raise ServiceError("plant.reload_turning", drives=Text.join_names(turning))
-        other_motors = (*change.drives.removed, *change.drives.changed)  # not those whose port alone is another one
-        silent = [id for id in lost if id in other_motors and self.plant.drives[id].last_known_turning]
+        silent = [id for id in lost if id in _other_motors(change) and self.plant.drives[id].last_known_turning]
         if silent:
             raise ServiceError("plant.reload_last_turning", drives=Text.join_names(silent))
 
@@ -121,11 +120,14 @@ class ConfigReload:
     async def _apply(self, change: ConfigDiff, new: PlantConfig) -> None:
         plant = self.plant
         inhibited = self._inhibited_motors()
+        turning = {id for id, runtime in plant.drives.items() if runtime.last_known_turning} - _other_motors(change)
         self._end_control(change)
         closing = self._remove_drives(change)
         plant.config = replace(new, **{name: getattr(plant.config, name) for name in RESTART_ONLY})
         self._add_new(new)
         self._inhibit_starts(inhibited)
+        for id in turning:
+            plant.drives[id].last_known_turning = True  # also behind another port, until it answers
         self._update_drives(change)
         plant.buses = {bus.id: plant.buses[bus.id] for bus in new.buses}
         plant.drives = {drive.id: plant.drives[drive.id] for drive in new.drives}
@@ -219,6 +221,11 @@ def _load_trusted(source: str) -> PlantConfig:
     config = load(source)
     check_plant_files(config)
     return config
+
+
+def _other_motors(change: ConfigDiff) -> set[str]:
+    """Return the drives that are removed or become another motor, not those whose port alone is another one."""
+    return {*change.drives.removed, *change.drives.changed}
 
 
 def _leaving_drives(change: ConfigDiff) -> list[str]:
