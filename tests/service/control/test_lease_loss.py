@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
+from math import inf
 
 import pytest
 
@@ -100,6 +101,29 @@ def test_a_lost_lease_is_handled_unless_the_drive_reports_standstill(policy: OnC
             assert [one.text.by_language() for one in lost] == MAY_BE_RUNNING * (silent and policy is OnClientLost.HOLD)
             stops = [entry.what for entry in kit.trail.entries if entry.who == "drivebus"]
             assert stops == (["drive.stop"] if silent and policy is OnClientLost.STOP else [])
+
+    run(scenario())
+
+
+def test_a_standstill_that_was_read_before_a_start_frame_does_not_end_the_alarm_of_lost_control() -> None:
+    """The session ended during its start: the motor then ran without control and without an alarm."""
+
+    async def scenario() -> None:
+        async with running_service(plant_config()) as kit:
+            await asyncio.sleep(2)
+            await kit.grant_waivers()
+            plant = kit.service.plant
+            await kit.call("lease.take", ANN, drive="fan-1")
+            arm = (await kit.call("drive.arm", ANN, drive="fan-1"))["arm_token"]
+            run_call = kit.call("drive.run", ANN, drive="fan-1", frequency_hz=20.0, arm_token=arm)
+            starting = asyncio.create_task(run_call)
+            while not starting.done() and plant.drives["fan-1"].last_motion_at != inf:  # noqa: ASYNC110  an attribute has no event
+                await asyncio.sleep(0.001)
+            kit.service.policies.end_control(ANN.session, "rights")
+            kit.service.policies.on_status(plant.drives["fan-1"], plant.drives["fan-1"].status())
+            assert [one.kind for one in plant.alarms.active()] == [SystemAlarm.CONTROL_LOST]
+            await starting
+            assert [one.kind for one in plant.alarms.active() if one.cleared_ms is None] == [SystemAlarm.CONTROL_LOST]
 
     run(scenario())
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
+from math import inf
 from typing import Any
 
 from drivebus.drives.state import DriveState, DriveStatus
@@ -89,7 +90,9 @@ class StopPolicies:
                 self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
             # stopped at its keypad, or tripped: a later start is not by the service
             runtime.end_motion()
-        if not state.turning or self.plant.leases.get(runtime.id, self.plant.now()) is not None:
+        has_control = self.plant.leases.get(runtime.id, self.plant.now()) is not None
+        is_starting = runtime.last_motion_at == inf  # standstill was read before the start frame
+        if has_control or not (state.turning or is_starting):
             for kind in (SystemAlarm.RUNNING_AT_START, SystemAlarm.CONTROL_LOST):
                 self.plant.clear_alarm(kind, runtime.id)
 
