@@ -190,13 +190,10 @@ class Scale:
         """Return the nearest raw number. Raises ValueError where it does not fit its words."""
         number = round((value - self.offset) / self.factor)
         modulus = 1 << 16 * self.words
-        if self.coding == "signed" and -modulus // 2 <= number < 0:
-            number += modulus
-        elif self.coding == "bcd" and 0 <= number <= 9999:
-            return int(str(number), 16)
-        if not 0 <= number < (10000 if self.coding == "bcd" else modulus):
+        lowest, end = {"signed": (-modulus // 2, modulus // 2), "bcd": (0, 10000)}.get(self.coding, (0, modulus))
+        if not lowest <= number < end:
             raise ValueError(f"{value} does not fit {16 * self.words} bits at a step of {self.factor}")
-        return number
+        return int(str(number), 16) if self.coding == "bcd" else number % modulus
 
     def _number(self, raw: int) -> int:
         modulus = 1 << 16 * self.words

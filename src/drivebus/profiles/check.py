@@ -111,7 +111,7 @@ def _check_limits(profile: ProfileIn) -> Iterator[Issue]:
         yield issue("limits", ("limits", "minimum_hz"), low, related=(("limits", "maximum_hz"),), maximum=high)
     if profile.setpoint.full_scale is not None or profile.setpoint.rpm is not None:
         return
-    word = 9999 if profile.setpoint.coding == "bcd" else 0xFFFF
+    word = {"binary": 0xFFFF, "signed": 0x7FFF, "bcd": 9999}[profile.setpoint.coding]
     if high > word * profile.setpoint.factor:
         related = (("setpoint", "factor"),)
         bound = f"<= {word * profile.setpoint.factor:g}"

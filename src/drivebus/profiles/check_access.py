@@ -66,7 +66,7 @@ def check_access(profile: ProfileIn) -> Iterator[Issue]:
     if profile.setpoint.words > 1:
         yield from _check_pair(profile, ("setpoint", "words"), written=True)
     if profile.setpoint.words > 1 and profile.setpoint.coding == "bcd":
-        yield issue("choice", ("setpoint", "coding"), "bcd", choices="binary")
+        yield issue("choice", ("setpoint", "coding"), "bcd", choices=("binary", "signed"))
     if profile.commands is not None:
         yield from _check_commands(profile, profile.commands)
     yield from _check_blocks(profile)

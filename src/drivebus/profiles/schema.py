@@ -199,7 +199,8 @@ class SetpointIn(StrictTable):
     """Smallest maximum frequency that a drive of the model can be set to; without it, half of ``maximum_hz``."""
     highest_hz: Annotated[float, Field(gt=0, le=4000)] | None = None
     """Largest maximum frequency that any drive of the model can be set to, required: the cap holds under it."""
-    coding: Literal["binary", "bcd"] = "binary"
+    coding: Literal["binary", "signed", "bcd"] = "binary"
+    """``signed`` where the drive takes a word of 8000H or more for a frequency in the other direction."""
     decimals: Annotated[int, Field(ge=0, le=4)] = 0
     words: Literal[1, 2] = 1
     """Registers of the setpoint; two are written in one frame."""
