@@ -145,11 +145,16 @@ def test_a_group_offers_the_frequencies_that_the_service_accepts_for_it(draw: Dr
 
 
 def test_a_capped_drive_offers_no_frequency_above_its_cap_and_says_why(draw: Draw, fan: Any) -> None:
-    """The field names the cap before a command is rejected for it; where the limits are lower, it names them."""
-    props = {"label": "", "value": "", "onChange": None}
-    for maximum_hz, key, highest_hz in ((50.0, "page.hz_capped", 0.5), (0.4, "page.hz_limits", 0.4)):
+    """The field names the cap before a command is rejected for it; where the limits are lower, it names them.
+
+    Regression: beside a frequency above the cap stood "Must be 0.1 to 0.5 Hz" without the reason.
+    """
+    cases = (("", 50.0, "page.hz_capped", 0.5), ("", 0.4, "page.hz_limits", 0.4))
+    refused = (("20", 50.0, "page.hz_capped", 0.5), ("20", 0.4, "page.hz_outside", 0.4))
+    for value, maximum_hz, key, highest_hz in cases + refused:
         limits = {"minimum_hz": 0.1, "maximum_hz": maximum_hz, "setpoint_cap_hz": 0.5}
-        text = draw("control/frequency", "Frequency", props | {"limits": limits})
+        props = {"label": "", "value": value, "onChange": None, "limits": limits}
+        text = draw("control/frequency", "Frequency", props)
         assert i18n.text(key, "en", minimum_hz=0.1, maximum_hz=highest_hz) in text
 
 

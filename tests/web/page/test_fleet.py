@@ -122,11 +122,12 @@ def test_all_tiles_in_view_share_one_request_of_the_history(stage: Stage, visit:
     ("name", "shown"),
     [
         ("Line 0 motor 12", "Line 0 motor 12"),
-        ("Cooling tower north fan 12", "Cooling tow…orth fan 12"),
-        ("三号生产线十二号循环水泵电机", "三号生产线…环水泵电机"),
+        ("Cooling tower north fan 12", "Cooling tow…\u200borth fan 12"),
+        ("三号生产线十二号循环水泵电机", "三号生产线…\u200b环水泵电机"),
     ],
 )
 def test_a_long_name_loses_its_middle_because_names_differ_at_the_end(scripts: Any, name: str, shown: str) -> None:
+    """Regression: without a break after the ellipsis a tile on a phone lost the end too ("Raw materia……")."""
     assert call(scripts, "titles", f"m.shortened({json.dumps(name)}, 24)") == shown
 
 
@@ -385,6 +386,15 @@ def test_stations_of_a_large_group_are_counted(scripts: Any) -> None:
     call_of = f"m.mergeSentences(Array.from({{ length: 30 }}, (_, n) => ({item})))"
     (found,) = call(scripts, "control/merge-sentences", call_of)
     assert found["text"] == "on station 0, 1, 2, 3, 4, 5, 6, 7 and 22 more: refused"
+
+
+def test_stations_of_several_buses_are_named_once_each(scripts: Any) -> None:
+    """Regression: a group over two lines was "on station 1, 2, 1, 2"."""
+    scripts.evaluate("import('/static/js/i18n.js').then((m) => m.loadLanguage('en'))")
+    item = "{ id: `d${n}`, key: 'k', params: { station: n % 2 }, text: { en: `on station ${n % 2}: refused`, zh: '' } }"
+    call_of = f"m.mergeSentences(Array.from({{ length: 4 }}, (_, n) => ({item})))"
+    (found,) = call(scripts, "control/merge-sentences", call_of)
+    assert found["text"] == "on station 0, 1: refused"
 
 
 def test_the_state_of_a_tile_is_whole_while_the_connection_is_lost(stage: Stage, visit: Any) -> None:

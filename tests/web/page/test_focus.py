@@ -60,6 +60,24 @@ def test_a_press_beside_a_window_closes_it_only_while_nothing_was_typed(visit: A
     window.wait_for(state="detached")
 
 
+def test_a_choice_in_a_window_counts_as_input_for_a_press_beside_it(scripts: Any) -> None:
+    """Regression: the minutes of a shelving were lost."""
+    kept = scripts.evaluate("""async () => {
+      const [lib, ui] = await Promise.all(["lib", "ui"].map((name) => import(`/static/js/${name}.js`)));
+      const root = document.body.appendChild(document.createElement("div"));
+      let closed = 0;
+      const choice = lib.h(ui.Choice, { value: 1, options: [[1, "one"], [2, "two"]], onChange: () => null });
+      lib.render(lib.h(ui.Dialog, { title: "", onClose: () => { closed += 1; } }, choice), root);
+      root.querySelector(".choice button").click();
+      root.querySelector(".veil").click();
+      const kept = closed === 0;
+      lib.render(null, root);
+      root.remove();
+      return kept;
+    }""")
+    assert kept
+
+
 def test_the_focus_stays_in_the_row_of_an_alarm_that_is_acknowledged(stage: Stage, visit: Any) -> None:
     """It went to the top of the page, from where the next alarm is many presses of Tab away."""
     trip(stage, "pump-2")

@@ -150,3 +150,33 @@ def test_a_password_that_is_chosen_can_be_read_and_is_hidden_at_first(
     assert beside["x"] >= box["x"] + box["width"] and beside["x"] + beside["width"] <= size[0] - 10
     eye.click()
     assert field.get_attribute("type") == "password"
+
+
+def test_language_and_theme_are_the_same_in_each_tab_of_a_browser(visit: Any) -> None:
+    """Regression: a second tab kept its language until its reload, and two screens of one desk differed."""
+    first = visit("#/fleet", role=None)
+    second = first.context.new_page()
+    second.goto(first.url)
+    for tab in (first, second):
+        tab.locator(".prefs .button").nth(1).wait_for()
+    first.locator(".prefs .button").nth(0).click()
+    first.locator(".prefs .button").nth(1).click()
+    second.wait_for_function("document.documentElement.lang === 'zh-CN'")
+    second.locator(".prefs .button", has_text=i18n.text("page.theme_light", "zh")).wait_for()
+
+
+def test_the_language_chosen_last_is_shown_and_stored_although_its_texts_came_first(scripts: Any) -> None:
+    found = scripts.evaluate("""async () => {
+      const load = (name) => import(`/static/js/${name}.js`);
+      const [i18n, { loadPreference }] = await Promise.all(["i18n", "preferences"].map(load));
+      const real = window.fetch;
+      const late = { en: 60, zh: 0 };
+      window.fetch = async (url) => {
+        await new Promise((resolve) => { setTimeout(resolve, late[/(\\w+)\\.json/.exec(url)[1]]); });
+        return real(url);
+      };
+      await Promise.all([i18n.chooseLanguage("en"), i18n.chooseLanguage("zh")]);
+      window.fetch = real;
+      return [i18n.language.value, loadPreference("language"), document.documentElement.lang];
+    }""")
+    assert found == ["zh", "zh", "zh-CN"]

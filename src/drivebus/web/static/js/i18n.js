@@ -1,6 +1,6 @@
 // Texts of the page: the server's catalogue of the chosen language.
 import { signal } from "./lib.js";
-import { loadPreference, savePreference } from "./preferences.js";
+import { loadPreference, onPreferenceOfOtherTab, savePreference } from "./preferences.js";
 
 export const LANGUAGES = { en: "English", zh: "中文" };
 
@@ -21,9 +21,14 @@ async function fetchCatalogue(name) {
   return answer.json();
 }
 
+/** Language requested last: the catalogue of an earlier request may arrive after its own. */
+let requested = null;
+
 /** Load the catalogue of a language and change every text on the page at once. */
 export async function loadLanguage(name) {
+  requested = name;
   const found = await fetchCatalogue(name);
+  if (requested !== name) return;
   unspaced = found["language.unspaced_letters"] ? new RegExp(found["language.unspaced_letters"]) : null;
   sentences.value = found;
   language.value = name;
@@ -33,8 +38,10 @@ export async function loadLanguage(name) {
 /** Change the language and store the choice for the next visit. */
 export async function chooseLanguage(name) {
   await loadLanguage(name);
-  savePreference("language", name);
+  if (requested === name) savePreference("language", name);
 }
+
+onPreferenceOfOtherTab("language", (name) => { if (name in LANGUAGES) loadLanguage(name); });
 
 export const hasKey = (key) => key in sentences.value;
 

@@ -10,6 +10,11 @@ export function loadPreference(name, otherwise = null) {
   }
 }
 
+/** Call `act` with the value of a preference that another tab of this browser has changed. */
+export function onPreferenceOfOtherTab(name, act) {
+  addEventListener("storage", ({ key }) => { if (key === PREFIX + name) act(loadPreference(name)); });
+}
+
 export function savePreference(name, value) {
   try {
     localStorage.setItem(PREFIX + name, JSON.stringify(value));

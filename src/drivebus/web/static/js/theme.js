@@ -1,6 +1,6 @@
 // Light, dark, or as the system has it. The resolved theme stands on <html data-theme>; charts follow `theme`.
 import { computed, effect, signal } from "./lib.js";
-import { loadPreference, savePreference } from "./preferences.js";
+import { loadPreference, onPreferenceOfOtherTab, savePreference } from "./preferences.js";
 
 export const THEMES = ["auto", "light", "dark"];
 const query = matchMedia("(prefers-color-scheme: dark)");
@@ -13,6 +13,8 @@ export const theme = computed(() => {
   if (themeChoice.value !== "auto") return themeChoice.value;
   return systemDark.value ? "dark" : "light";
 });
+
+onPreferenceOfOtherTab("theme", (name) => { if (THEMES.includes(name)) themeChoice.value = name; });
 
 effect(() => { document.documentElement.dataset.theme = theme.value; });
 

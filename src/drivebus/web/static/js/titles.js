@@ -33,8 +33,8 @@ export function shortList(items, most = MAX_NAMES) {
 /** Width of a letter in Latin letters. */
 const widthOf = (letter) => (letter > "\u2E7F" ? 2 : 1);
 
-/** A name of at most `most` letters; a longer one without its middle, because names of many drives differ at the end.
- * A Chinese character counts as two. */
+/** A name of at most `most` letters; a longer one without its middle, because names of many drives differ at the end. A line
+ * may break after the ellipsis. A Chinese character counts as two. */
 export function shortened(name, most) {
   const letters = [...name];
   const total = letters.reduce((sum, letter) => sum + widthOf(letter), 0);
@@ -44,5 +44,5 @@ export function shortened(name, most) {
     return some.filter((letter) => { left -= widthOf(letter); return left >= 0; });
   };
   const [head, tail] = [taken(letters), taken([...letters].reverse()).reverse()];
-  return `${head.join("").trimEnd()}…${tail.join("").trimStart()}`;
+  return `${head.join("").trimEnd()}…\u200B${tail.join("").trimStart()}`;
 }

@@ -157,7 +157,8 @@ export function Dialog({ title, onClose, children, class: more = "" }) {
     return () => document.removeEventListener("keydown", key);
   });
   return html`<div class="veil" onClick=${() => { if (!hasInput.current) onClose(); }}></div>
-    <dialog ref=${box} class=${`dialog ${more}`} aria-labelledby=${id} tabindex="-1" onInput=${() => { hasInput.current = true; }}>
+    <dialog ref=${box} class=${`dialog ${more}`} aria-labelledby=${id} tabindex="-1" onInput=${() => { hasInput.current = true; }}
+      onClick=${({ target }) => { if (target.closest(".choice")) hasInput.current = true; }}>
       <header><h2 id=${id}>${title}</h2>
         <${Button} kind="quiet" icon="close" onClick=${onClose} aria-label=${t("page.close")} /></header>
       ${children}</dialog>`;

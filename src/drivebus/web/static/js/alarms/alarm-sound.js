@@ -1,7 +1,7 @@
 // Sound while a critical or high alarm waits for its acknowledgement. Each browser can silence it.
 import { effect, signal } from "../lib.js";
 import { urgentAlarms } from "./alarm-list.js";
-import { loadPreference, savePreference } from "../preferences.js";
+import { loadPreference, onPreferenceOfOtherTab, savePreference } from "../preferences.js";
 
 const REPEAT_MS = 10_000;
 const TONES_HZ = [880, 660];
@@ -45,7 +45,7 @@ export function play() {
  */
 export function startAlarmSound() {
   let known = new Set();
-  addEventListener("storage", () => { isSoundOn.value = isChosen(); });
+  onPreferenceOfOtherTab("sound", () => { isSoundOn.value = isChosen(); });
   for (const name of ["click", "keydown"]) addEventListener(name, () => { isSoundPermitted.value = hasBeenUsed(); });
   effect(() => {
     const urgent = isSoundOn.value ? urgentAlarms() : [];

@@ -13,7 +13,9 @@ export function frequencyError(text, limits) {
   const value = numberOf(text);
   if (value === null) return t("page.not_number");
   if (minimum_hz > maximum_hz) return rangeText(limits);
-  if (value < minimum_hz || value > maximum_hz) return t("page.hz_outside", { minimum_hz, maximum_hz });
+  if (value < minimum_hz || value > maximum_hz) {
+    return maximum_hz < limits.maximum_hz ? rangeText(limits) : t("page.hz_outside", { minimum_hz, maximum_hz });
+  }
   return null;
 }
 

@@ -27,7 +27,7 @@ function mergedText(alike) {
   const found = DRIVE_PARAMETERS.find((name) => params?.[name] !== undefined && text.includes(String(params[name])));
   if (!found) return { text, isNamed: false };
   const isNamed = found === "drive";
-  const own = isNamed ? listDrives(alike.map(({ id }) => id)) : shortList(alike.map((one) => one.params[found]));
+  const own = isNamed ? listDrives(alike.map(({ id }) => id)) : shortList([...new Set(alike.map((one) => one.params[found]))]);
   return { text: replaced(text, String(params[found]), own), isNamed };
 }
 
