@@ -318,6 +318,19 @@ def test_an_sl3_that_counts_frequencies_as_a_speed_is_not_started() -> None:
     story(tell)
 
 
+def test_an_fr_d700_that_shows_a_speed_is_not_started() -> None:
+    """With Pr.37 other than 0 set and shown frequencies are a speed: both agree while the motor turns at another."""
+
+    async def tell() -> None:
+        async with simulated_drive("fr_d700_modbus") as (drive, station):
+            station.keypad_set(0x040C, 1800)
+            with pytest.raises(PreflightError, match=r"Pr\.37"):
+                await drive.run(5.0)
+            assert station.setpoint_word == station.command == 0
+
+    story(tell)
+
+
 def test_a_goodrive_20_shows_its_ramp_times() -> None:
     async def tell() -> None:
         async with simulated_drive("gd20") as (drive, _):
