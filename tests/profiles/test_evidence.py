@@ -128,3 +128,12 @@ def test_the_numbers_of_a_shipped_source_are_the_same_in_both_languages(path: Pa
 def test_the_sources_of_all_shipped_files_are_compared() -> None:
     found = [source for path in SHIPPED for source in sources(tomllib.loads(path.read_text(encoding="utf-8")))]
     assert len(found) > 1000 and sum(source.en != source.zh for source in found) > 800
+
+
+@pytest.mark.parametrize("model", ["ls_m100", "ls_h100"])
+def test_a_trip_bit_that_two_manuals_name_differently_has_no_name(model: str) -> None:
+    """Bit 7 is heat of the drive in one series of the maker and of the motor in another: neither is this model's."""
+    profile = profiles.load(model)
+    assert sorted(profile.faults) == [0, 1, 2, 3, 4]
+    assert profile.fault_text is not None and "bit {code}" in profile.fault_text.en
+    assert "trip_bits" in {question.name for question in profile.open_questions}
