@@ -357,6 +357,9 @@ class UnavailableService:
     async def record(self, entry: Json, actor: Actor) -> None:
         return
 
+    async def end_control(self, reason: str, actor: Actor) -> None:
+        return
+
 
 async def test_a_plant_that_does_not_answer_fails_the_scrape(tmp_path: Path) -> None:
     gone: Any = UnavailableService()

@@ -251,6 +251,9 @@ class CountingService:
     async def record(self, entry: Json, actor: Actor) -> None:
         self.refused += entry["params"].get("times", 0)
 
+    async def end_control(self, reason: str, actor: Actor) -> None:
+        return
+
 
 class UnauthorizedClient:
     """The web app with one administrator, and a client that has no valid credentials."""

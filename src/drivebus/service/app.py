@@ -217,14 +217,13 @@ class Service:
         return self.plant.hub.subscribe(stream)
 
     async def record(self, entry: Json, actor: Actor) -> None:
-        """See ``ServiceClient.record``: of an ended session only where it had control, which ends first.
-
-        Raises AuditUnavailable.
-        """
-        if entry.get("what") == SESSION_ENDED:
-            drives = [*self.jogs.end_control(actor.session)]
-            drives += self.policies.end_control(actor.session, entry["params"]["ended_by"])
-            if not drives:
-                return
-            entry = {**entry, "params": {**entry["params"], "drives": [*dict.fromkeys(drives)]}}
+        """See ``ServiceClient.record``. Raises AuditUnavailable."""
         await self.dispatcher.record(entry, actor)
+
+    async def end_control(self, reason: str, actor: Actor) -> None:
+        """See ``ServiceClient.end_control``. Raises AuditUnavailable, after control has ended."""
+        self.plant.control_requests.end_session(actor.session, self.plant.now())
+        drives = [*self.jogs.end_control(actor.session), *self.policies.end_control(actor.session, reason)]
+        if drives:
+            params = {"ended_by": reason, "drives": [*dict.fromkeys(drives)]}
+            await self.record({"what": SESSION_ENDED, "params": params, "outcome": "done"}, actor)

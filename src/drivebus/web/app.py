@@ -63,12 +63,12 @@ def make_app(client: ServiceClient, auth: AuthService, web: WebConfig) -> FastAP
     """Return the app of the page and the API."""
     routers = _routers()
     denials = DenialLog(client, auth.clock)
-    ends = SessionEndWatch(client)
+    end_watch = SessionEndWatch(client)
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         yield
-        await ends.close()
+        await end_watch.close()
         await denials.close()
 
     table = RouteTable(route for router in routers for route in router.routes)
@@ -86,7 +86,7 @@ def make_app(client: ServiceClient, auth: AuthService, web: WebConfig) -> FastAP
                 proxies=TrustedProxies(web.trusted_proxies),
                 denials=denials,
                 routes=table,
-                ends=ends,
+                end_watch=end_watch,
             )
         ],
     )

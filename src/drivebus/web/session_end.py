@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 
-from drivebus.service.api.denial_log import AuditRecorder, try_record
-from drivebus.service.audit.records import SESSION_ENDED
+from drivebus.errors import DrivebusError
 from drivebus.service.auth.credentials import Credential
 from drivebus.service.auth.rights import Right
+from drivebus.service.ipc.service_client import ServiceClient
 
 
 class SessionEndWatch:
     """Reports to the service when a credential that may control drives ends, or loses that right."""
 
-    def __init__(self, client: AuditRecorder) -> None:
+    def __init__(self, client: ServiceClient) -> None:
         self._client = client
         self._tasks: dict[str, asyncio.Task[None]] = {}
         """By the session of the actor: at most one for each session and token."""
@@ -30,11 +31,11 @@ class SessionEndWatch:
         reason = await credential.wait_ended()
         while credential.end_reason is None and credential.actor.may(Right.OPERATE):  # the token lost another right
             reason = await credential.wait_ended()
-        entry = {"what": SESSION_ENDED, "target": "", "params": {"ended_by": reason}, "outcome": "done"}
-        await try_record(self._client, entry, credential.actor)
+        with suppress(OSError, DrivebusError):  # of a service that is away, the leases end by themselves
+            await self._client.end_control(reason, credential.actor)
 
     async def close(self) -> None:
-        """End the watch, at the end of the process: leases that nobody renews end by themselves."""
+        """End the watch with the process: no session renews its leases then, and they end by themselves."""
         tasks = tuple(self._tasks.values())
         for task in tasks:
             task.cancel()

@@ -278,6 +278,13 @@ def test_an_incident_of_an_earlier_occurrence_is_not_shown_as_that_of_the_newest
     assert alarms.active()[0].incident is None
 
 
+def test_an_incident_that_was_still_being_written_when_its_alarm_repeated_is_not_linked_to_the_repetition() -> None:
+    alarms = engine()
+    run(alarms, (0, view(fault=OVERCURRENT)), (1, view()), (2, view(fault=OVERCURRENT)))
+    assert alarms.attach_incident("a1", "c-1") == []
+    assert [(alarm.id, alarm.incident) for alarm in alarms.active()] == [("a2", None)]
+
+
 def test_an_alarm_leaves_the_list_once_cleared_and_acknowledged_in_either_order() -> None:
     alarms = engine()
     run(alarms, (0, view(fault=OVERCURRENT)))

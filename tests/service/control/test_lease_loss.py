@@ -48,6 +48,56 @@ def test_the_end_of_a_jog_revokes_earlier_arm_tokens(lost: bool) -> None:
     run(scenario())
 
 
+def test_a_session_that_ends_while_it_takes_control_gets_none() -> None:
+    """The lease was there for ten seconds, of a session that could not renew it."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            kit.trail.delay_s = 0.5
+            taking = asyncio.create_task(kit.call("lease.take", ANN, drive="fan-1"))
+            await asyncio.sleep(0.1)
+            await kit.service.end_control("logout", ANN)
+            with pytest.raises(ControlNotHeld) as rejected:
+                await taking
+            assert rejected.value.key == "plant.session_has_ended"
+
+    run(scenario())
+
+
+def test_a_jog_that_is_being_started_while_its_session_ends_is_stopped_at_once() -> None:
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(2)
+            await kit.grant_waivers()
+            await kit.call("lease.take", ANN, drive="fan-1")
+            token = (await kit.call("drive.arm", ANN, drive="fan-1"))["arm_token"]
+            jog = asyncio.create_task(kit.call("drive.jog", ANN, drive="fan-1", frequency_hz=5.0, arm_token=token))
+            while kit.station("fan-1").motor.starts == 0:  # noqa: ASYNC110  the simulated drive has no event
+                await asyncio.sleep(0.001)
+            assert not jog.done()
+            await kit.service.end_control("logout", ANN)
+            await jog
+            assert kit.drives_of_events("plant.jog_ended_with_session", actor="ann") == ["fan-1"]
+
+    run(scenario())
+
+
+def test_a_request_for_control_of_a_session_that_ended_can_not_be_granted() -> None:
+    bob = remote_actor("bob")
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await kit.call("lease.take", ANN, drive="fan-1")
+            request = (await kit.call("control_request.make", bob, drive="fan-1"))["control_request"]
+            await kit.service.end_control("logout", bob)
+            with pytest.raises(NotFound):
+                await kit.call("control_request.grant", ANN, drive="fan-1", request=request["id"])
+            lease = kit.service.plant.leases.get("fan-1", kit.service.plant.now())
+            assert lease is not None and lease.actor == ANN
+
+    run(scenario())
+
+
 @pytest.mark.parametrize("taken", [True, False])
 def test_a_jog_ends_when_another_session_takes_control(taken: bool) -> None:
     """Its owner goes on to renew it. Control that has merely ended is nobody's, and the jog goes on."""

@@ -8,6 +8,7 @@ from drivebus.errors import ArmRequired, ControlNotHeld
 from drivebus.service.auth.rights import Role
 from drivebus.service.control.leases import (
     ARM_TTL_S,
+    ENDED_SESSION_TTL_S,
     LEASE_TTL_S,
     MAX_ARM_TOKENS,
     ArmTokens,
@@ -72,6 +73,17 @@ def test_an_expired_lease_is_returned_also_after_another_session_took_the_drive(
     leases.take("a", BOB, 20.0 + LEASE_TTL_S)
     assert [lease.actor for lease in leases.pop_expired(20.0 + LEASE_TTL_S)] == [ANN]
     assert leases.pop_expired(20.0 + LEASE_TTL_S) == [] and leases.get("a", 21.0 + LEASE_TTL_S) is not None
+
+
+def test_a_session_that_has_just_ended_takes_no_control_and_a_token_with_its_right_again_does_later() -> None:
+    leases = ControlLeases()
+    leases.take("a", ANN, 0.0)
+    assert [lease.drive for lease in leases.end_session(ANN.session, 1.0)] == ["a"]
+    for at in (1.0, 1.0 + ENDED_SESSION_TTL_S - 0.001):
+        with pytest.raises(ControlNotHeld):
+            leases.take("a", ANN, at)
+    leases.take("b", BOB, 1.0)
+    leases.take("a", ANN, 1.0 + ENDED_SESSION_TTL_S)
 
 
 def test_a_lease_belongs_to_a_session_not_to_a_name() -> None:

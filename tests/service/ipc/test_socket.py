@@ -59,6 +59,7 @@ class ScriptedService:
         self.released = asyncio.Event()
         self.messages: asyncio.Queue[Json] = asyncio.Queue()
         self.ended = 0
+        self.ended_sessions: list[tuple[str, str]] = []
 
     async def call(self, operation: str, params: Json, actor: Actor) -> Json:
         self.calls.append((operation, params, actor))
@@ -77,6 +78,22 @@ class ScriptedService:
 
     async def record(self, entry: Json, actor: Actor) -> None:
         self.records.append(entry)
+
+    async def end_control(self, reason: str, actor: Actor) -> None:
+        self.ended_sessions.append((reason, actor.session))
+
+
+def test_the_end_of_a_session_carries_its_reason_and_its_session(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        service = ScriptedService()
+        server, client = SocketServer(service, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
+        await server.open()
+        await client.end_control("logout", remote_actor())
+        assert service.ended_sessions == [("logout", "session-ann")]
+        await client.close()
+        await server.close()
+
+    asyncio.run(scenario())
 
 
 def test_a_call_carries_its_actor_and_returns_the_whole_error(tmp_path: Path) -> None:

@@ -102,6 +102,37 @@ def test_a_lower_limit_says_which_drives_run_above_it_and_slows_none(tmp_path: P
     run(scenario())
 
 
+def test_a_lower_limit_also_names_a_drive_that_is_still_ramping_up_below_it(tmp_path: Path) -> None:
+    """It was set to 40 Hz and read at 15 Hz: the limit of 30 Hz does not end its acceleration."""
+
+    async def scenario() -> None:
+        async with running_service(load(write(tmp_path / "plant.toml", FAN_1))) as kit:
+            await asyncio.sleep(2)
+            await kit.grant_waivers()
+            await kit.call("drive.run", drive="fan-1", frequency_hz=40.0)
+            assert kit.station("fan-1").motor.output_hz < 30.0
+            answer = await kit.call("drive.limits", drive="fan-1", **WIDEST_LIMITS | {"maximum_hz": 30.0})
+            assert "was set to, 40.0 Hz" in answer["note"]["en"]
+            assert (await kit.call("drives.get", drive="fan-1"))["above_limit_hz"] == 40.0
+
+    run(scenario())
+
+
+def test_a_reload_that_changes_its_polls_repeats_no_event_about_limits_of_another_motor(tmp_path: Path) -> None:
+    file, store = write(tmp_path / "plant.toml", FAN_1), MemoryStore()
+    former = {"model": "c320", "port": "sim://c320@1-3?ramp=2&name=a", "address": 1}
+
+    async def scenario() -> None:
+        async with running_service(load(file), store=store) as kit:
+            await kit.call("drive.limits", drive="fan-1", **WIDEST_LIMITS | {"maximum_hz": 40.0})
+            for lines in ("", "min_poll_interval_s = 2.0\n"):
+                write(file, OTHER_FAN_1, lines)
+                await kit.call("configuration.reload")
+                assert kit.drives_of_events("plant.limits_of_another", **former) == ["fan-1"]
+
+    run(scenario())
+
+
 def test_a_drive_that_ran_at_its_keypad_when_it_answered_last_does_not_leave_the_plant(tmp_path: Path) -> None:
     """Its state is unknown, and this service did not start it: a reload removed it, and nothing watched it any more."""
     file = write(tmp_path / "plant.toml", FAN_1, FAN_2)

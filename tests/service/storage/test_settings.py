@@ -162,6 +162,14 @@ def test_limits_of_a_wrong_type_count_as_lost(wrong: str) -> None:
     assert StoredSettings.of(found, "fan-1") == StoredSettings(None, None, True)
 
 
+@pytest.mark.parametrize("identity", ["5", '"fan"', "{}", '{"model": 1, "port": "p", "address": 1}'])
+def test_limits_hold_where_the_drive_that_they_were_set_for_cannot_be_read(identity: str) -> None:
+    """They counted as lost, and the drive could not be started, though each limit was there."""
+    found = MemoryStore()
+    found.put("limits/fan-1", f'{{{COMPLETE_LIMITS}, "set_for": {identity}}}')
+    assert StoredSettings.of(found, "fan-1") == StoredSettings(None, DriveLimits(), False)
+
+
 @pytest.mark.parametrize("stored", ["[15.0]", "null", "15.0", "", '{"minimum_hz": 0.0, "maximum_hz": 30.0}'])
 def test_limits_that_are_not_complete_count_as_lost(stored: str) -> None:
     """Without its directions a record would permit reverse, which the engineer may have forbidden."""

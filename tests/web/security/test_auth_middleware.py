@@ -180,7 +180,7 @@ def test_the_middleware_forwards_lifespan_and_denies_a_handshake_without_an_orig
             proxies=TrustedProxies(()),
             denials=harness.denials,
             routes=RouteTable([]),
-            ends=SessionEndWatch(harness.service),
+            end_watch=SessionEndWatch(harness.service),
         )
         await guard({"type": "lifespan"}, nothing, nothing)
         assert received == ["lifespan"]

@@ -68,7 +68,7 @@ def test_a_removed_user_loses_control_at_once_and_each_drive_does_what_its_polic
         (record,) = ended_records(kit)
         assert (record.who, record.params["drives"]) == ("operator", ["fan-1", "fan-2"])
         text = described({"what": record.what, "who": {"name": record.who}, "target": "", "params": record.params})
-        assert "user removed, disabled or changed" in text["text"]["en"]
+        assert "role or password changed" in text["text"]["en"]
 
     on_a_plant(tmp_path, scenario)
 
@@ -102,5 +102,22 @@ def test_a_withdrawn_token_loses_control_at_once_and_another_session_keeps_its_o
         plant = kit.service.plant
         assert plant.leases.get("fan-2", plant.now()) is not None
         assert [one.who for one in ended_records(kit)] == ["operator/t"], "a session without control leaves no record"
+
+    on_a_plant(tmp_path, scenario)
+
+
+def test_a_token_that_loses_one_right_after_the_other_controls_drives_until_it_loses_that_right(tmp_path: Path) -> None:
+    async def scenario(kit: ServiceKit, harness: WebAppHarness) -> None:
+        secret = await harness.token("engineer", "view", "stop", "operate", "write_parameters")
+        await start(harness.client(authorization=f"Bearer {secret}"), "fan-1")
+        chief = await harness.log_in("administrator")
+        plant, roles = kit.service.plant, {}
+        for role in ("operator", "viewer"):
+            assert (await chief.patch("/api/v1/users/engineer", json={"role": role})).status_code == 200
+            await asyncio.sleep(AT_ONCE_S)
+            roles[role] = plant.leases.get("fan-1", plant.now()) is not None
+        assert roles == {"operator": True, "viewer": False}
+        assert kit.drives_of_events("plant.stopped_client_lost", owner="engineer/t") == ["fan-1"]
+        assert [one.who for one in ended_records(kit)] == ["engineer/t"]
 
     on_a_plant(tmp_path, scenario)

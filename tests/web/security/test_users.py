@@ -10,7 +10,6 @@ import pytest
 from httpx import AsyncClient
 
 from drivebus.service.api.operations import Audit, Operation
-from drivebus.service.audit.records import SESSION_ENDED
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S, SESSION_LIFETIME_S
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
@@ -23,11 +22,8 @@ NEW = "a quite new pass phrase"
 
 
 def audit_entries(harness: WebAppHarness, *excluded: str) -> list[tuple[str, str, str, Json, str]]:
-    """Return actor, operation, target, parameters and outcome of the audit records, without ``excluded`` operations.
-
-    The service records the end of a session only where it had control.
-    """
-    entries = [(who.name, one) for one, who in harness.service.records if one["what"] not in (SESSION_ENDED, *excluded)]
+    """Return actor, operation, target, parameters and outcome of the audit records, without ``excluded`` operations."""
+    entries = [(who.name, one) for one, who in harness.service.records if one["what"] not in excluded]
     return [(name, one["what"], one["target"], one["params"], one["outcome"]) for name, one in entries]
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 from drivebus.errors import NotFound
@@ -23,6 +22,7 @@ from drivebus.service.alarms.model import (
     AlarmKey,
     SystemAlarm,
 )
+from drivebus.service.alarms.occurrences import AlarmOccurrences
 from drivebus.service.alarms.texts import configured_alarm, system_alarm
 from drivebus.service.config.model import AlarmConfig, AlarmKind, AlarmPriority, DriveConfig, title_of
 from drivebus.service.live.views import DriveView
@@ -90,8 +90,8 @@ DEFAULT_ALARMS = (
 """Alarms of every drive for which the plant file configures none of that kind."""
 MAX_UNACKNOWLEDGED_PER_KEY = 20
 """Cleared, unacknowledged alarms listed for one key: a drive may report another fault code each time."""
-MAX_REPEATED_IDS = 5_000
-"""Ids of earlier occurrences that still stand for their alarm: a user may act on what a page showed a moment ago."""
+MAX_OCCURRENCE_IDS = 5_000
+"""Ids of occurrences that find their alarm: a user may act on what a page showed a moment ago."""
 AUTOMATIC_ACKNOWLEDGER = "drivebus"
 """Acknowledges alarms beyond ``MAX_UNACKNOWLEDGED_PER_KEY``; the alarm log keeps them."""
 
@@ -115,10 +115,7 @@ class AlarmEngine:
         self._next_number = first_number
         self._alarms: dict[str, Alarm] = {}
         self._uncleared: dict[AlarmKey, str] = {}
-        self._first_ids: dict[str, str] = {}
-        """Id of an occurrence that was repeated → id of the first one, which the newest one has too."""
-        self._of_former_motors: set[str] = set()
-        """Cleared alarms that no later one repeats: they are of a motor that a reload has replaced."""
+        self._occurrences = AlarmOccurrences()
         self._shelves = AlarmShelf()
         self._conditions: dict[str, list[AlarmCondition]] = {}
         self._titles: dict[str, Text] = {}
@@ -142,9 +139,8 @@ class AlarmEngine:
         """
         cleared = [change for key in self._shelves.of_drives(replaced_drives) for change in self._unshelve(key)]
         cleared += self._clear_where(lambda alarm: alarm.drive in replaced_drives, now_ms)
-        self._of_former_motors = {
-            id for id, one in self._alarms.items() if id in self._of_former_motors or one.drive in replaced_drives
-        }
+        for alarm in [one for one in self._alarms.values() if one.drive in replaced_drives]:
+            self._update("replaced", alarm, drive_replaced=True)  # in the log, so that it outlives a restart
         for drive in replaced_drives:
             self._conditions.pop(drive, None)
         old = {(one.setting, one.drive): one for conditions in self._conditions.values() for one in conditions}
@@ -180,7 +176,10 @@ class AlarmEngine:
         self._shelves.restore(alarm, now, now_ms)
         if alarm.cleared_ms is None:
             self._clear(alarm.key, now_ms)
-        alarm = self._fold(alarm, lambda earlier: earlier.first_id == alarm.first_id)
+        earlier = self.find(alarm.first_id)
+        if earlier is not None and earlier.cleared_ms is not None:
+            alarm = self._repeat(earlier, alarm)
+        self._occurrences.add(alarm)
         self._alarms[alarm.id] = alarm
         if alarm.cleared_ms is None:
             self._uncleared[alarm.key] = alarm.id
@@ -233,24 +232,19 @@ class AlarmEngine:
 
     def _raise(self, alarm: Alarm) -> list[AlarmChange]:
         self._next_number += 1
-        alarm = self._fold(alarm, partial(self._is_repeated_by, alarm))
+        repeated = [one for one in self._with_key(alarm.key) if one.is_repeated_by(alarm)]
+        if repeated:
+            alarm = self._repeat(repeated[-1], alarm)
+        self._occurrences.add(alarm)
+        self._occurrences.remove_excess(MAX_OCCURRENCE_IDS)
         self._uncleared[alarm.key] = alarm.id
         forgotten = self._acknowledge_excess(alarm)
         return [*forgotten, self._update("raised", alarm, **self._shelves.shelving(alarm.key).alarm_fields)]
 
-    def _fold(self, alarm: Alarm, repeats: Callable[[Alarm], bool]) -> Alarm:
-        """Let an occurrence take the place of the newest cleared one that it repeats; return it with their count."""
-        cleared = [one for one in self._with_key(alarm.key) if one.cleared_ms is not None and repeats(one)]
-        if cleared:
-            alarm = alarm.repeating(cleared[-1])
-            del self._alarms[cleared[-1].id]
-            self._first_ids[cleared[-1].id] = alarm.first_id
-        if len(self._first_ids) > MAX_REPEATED_IDS:
-            del self._first_ids[next(iter(self._first_ids))]
-        return alarm
-
-    def _is_repeated_by(self, alarm: Alarm, earlier: Alarm) -> bool:
-        return earlier.repeat_key == alarm.repeat_key and earlier.id not in self._of_former_motors
+    def _repeat(self, earlier: Alarm, alarm: Alarm) -> Alarm:
+        """Let an occurrence take the place of a cleared one; return it with their count."""
+        del self._alarms[earlier.id]
+        return alarm.repeating(earlier)
 
     def _acknowledge_excess(self, alarm: Alarm) -> list[AlarmChange]:
         """Acknowledge the oldest cleared alarms of this key beyond ``MAX_UNACKNOWLEDGED_PER_KEY``."""
@@ -281,8 +275,9 @@ class AlarmEngine:
         return self._unshelve(self._get(id).key)
 
     def attach_incident(self, id: str, incident: str) -> list[AlarmChange]:
-        """Link the incident that was recorded when the alarm was raised. Raises NotFound."""
-        return [self._update("incident", self._get(id), incident=incident)]
+        """Link the incident that was recorded when this occurrence was raised, if it is still in the list."""
+        alarm = self._alarms.get(id)
+        return [] if alarm is None else [self._update("incident", alarm, incident=incident)]
 
     def _unshelve(self, key: AlarmKey) -> list[AlarmChange]:
         self._shelves.remove(key)
@@ -294,10 +289,7 @@ class AlarmEngine:
 
     def find(self, id: str) -> Alarm | None:
         """Return an active alarm by the id of its newest occurrence, or of an earlier one; None if there is none."""
-        first_id = self._first_ids.get(id)
-        if first_id is None:
-            return self._alarms.get(id)
-        return next((one for one in self._alarms.values() if one.first_id == first_id), None)
+        return self._alarms.get(self._occurrences.newest_id(id))
 
     def _get(self, id: str) -> Alarm:
         alarm = self.find(id)

@@ -14,6 +14,7 @@ from pathlib import Path
 from drivebus.atomic_write import atomic_write_private, link_or_copy
 from drivebus.clock import wall_ms
 from drivebus.service.alarms.model import Alarm
+from drivebus.service.alarms.occurrences import AlarmOccurrences, alarm_number
 from drivebus.service.api.paging import page
 from drivebus.service.storage.append_log import AppendLog
 from drivebus.service.storage.batch_writer import BatchWriter
@@ -21,7 +22,7 @@ from drivebus.types import Json
 
 ALARM_LOG_FILE = "alarms.jsonl"
 MAX_LOGGED_ALARMS = 5_000
-"""Older alarms are dropped, so that file and memory stay bounded."""
+"""Older ones are dropped, so that file and memory stay bounded: first what is listed no more, or by a repetition."""
 MAX_LOG_LINES = 4 * MAX_LOGGED_ALARMS
 """A file with more lines is rewritten with one line for each alarm."""
 
@@ -32,6 +33,7 @@ class AlarmLog:
     def __init__(self, path: Path) -> None:
         self._journal = AppendLog(path)
         self._alarms: dict[str, Alarm] = {}
+        self._occurrences = AlarmOccurrences()
         self._acknowledged: dict[str, Alarm] = {}
         """Id of a first occurrence → the repetition whose acknowledgement is that of all occurrences before it."""
         self._lines = 0
@@ -104,12 +106,22 @@ class AlarmLog:
 
     def _remember(self, alarm: Alarm) -> None:
         self._alarms[alarm.id] = alarm
+        self._occurrences.add(alarm)
         if alarm.acknowledged_ms is not None and alarm.count > 1:
             self._acknowledged[alarm.first_id] = alarm
         if len(self._alarms) > MAX_LOGGED_ALARMS:
-            dropped = self._alarms.pop(next(iter(self._alarms)))
-            if self._acknowledged.get(dropped.first_id) is dropped:
-                del self._acknowledged[dropped.first_id]
+            alarms = self._alarms.values()
+            self._drop(next((one for one in alarms if not self._is_listed(one)), next(iter(alarms))))
+
+    def _is_listed(self, alarm: Alarm) -> bool:
+        """Return whether an alarm is active and no repetition stands for it: the next start needs it."""
+        return alarm.active and self._occurrences.newest_id(alarm.id) == alarm.id
+
+    def _drop(self, alarm: Alarm) -> None:
+        del self._alarms[alarm.id]
+        self._occurrences.remove(alarm.id)
+        if self._acknowledged.get(alarm.first_id) is alarm:
+            del self._acknowledged[alarm.first_id]
 
     def _with_acknowledgement(self, alarm: Alarm) -> Alarm:
         """Return an alarm with the acknowledgement of its newest repetition, which is not written for each."""
@@ -127,11 +139,6 @@ class AlarmLog:
         self._journal.append(_encode_lines(alarms))
         self._lines += len(alarms)
         return [None] * len(alarms)
-
-
-def alarm_number(id: str) -> int:
-    """Return the number in an alarm's id; later alarms have larger numbers."""
-    return int(id[1:])
 
 
 def _encode_lines(alarms: Iterable[Alarm]) -> bytes:

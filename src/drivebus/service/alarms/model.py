@@ -99,6 +99,8 @@ class Alarm:
     shelved_by: str | None = None
     shelved_reason: str | None = None
     incident: str | None = None
+    drive_replaced: bool = False
+    """A reload has removed its drive or given the name to another motor, whose alarms do not repeat this one."""
 
     @property
     def active(self) -> bool:
@@ -109,10 +111,10 @@ class Alarm:
         """Key; it contains kind and id, so that a configured id that equals a system kind hides no system alarm."""
         return (self.kind, self.setting, self.drive, self.subject)
 
-    @property
-    def repeat_key(self) -> tuple[AlarmKey, float | int | str | None]:
-        """Key of alarms that repeat each other; another fault is another alarm."""
-        return self.key, self.value if self.kind == AlarmKind.FAULT else None
+    def is_repeated_by(self, later: Alarm) -> bool:
+        """Return whether a later alarm repeats this one, which is cleared; another fault is another alarm."""
+        is_same = self.key == later.key and (self.kind != AlarmKind.FAULT or self.value == later.value)
+        return is_same and self.cleared_ms is not None and not self.drive_replaced
 
     def repeating(self, earlier: Alarm) -> Alarm:
         """Return this alarm as a repetition of an unacknowledged one."""
@@ -146,6 +148,7 @@ class Alarm:
             "shelved_by": self.shelved_by,
             "shelved_reason": self.shelved_reason,
             "incident": self.incident,
+            "drive_replaced": self.drive_replaced,
         }
 
     @classmethod
@@ -176,6 +179,7 @@ class Alarm:
             and all(type(one) is int for one in (self.raised_ms, self.first_raised_ms, self.count))
             and all(one is None or type(one) is int for one in times)
             and (self.value is None or type(self.value) in (int, float, str))
+            and type(self.drive_replaced) is bool
         )
         if not are_typed:
             raise TypeError("a field of an alarm has another type")

@@ -30,7 +30,7 @@ EMBEDDED_CREDENTIALS: Final = re.compile(r"(?<=://)[^/@\s]*@|\b(?<=Bearer )\S+")
 """User and password in a URL; token in an Authorization header."""
 REDACTED: Final = "***"
 SESSION_ENDED: Final = "session.ended"
-"""Record of the web process at the end of a session or token; the service ends its control with it."""
+"""Record of the end of a session or token that had control of drives."""
 MAX_TEXT_LENGTH: Final = 2_000
 """Characters; a longer text (a whole configuration) is replaced by its length and SHA-256."""
 MAX_CONTAINER_ITEMS: Final = 500

@@ -106,6 +106,12 @@ class ControlRequests:
             raise NotFound("plant.no_own_control_request", drive=drive)
         self.end(request, "withdrawn", now)
 
+    def end_session(self, session: str, now: float) -> None:
+        """End the open requests of a session that has ended: nobody is there to take what is granted."""
+        for request in tuple(self._requests.values()):
+            if request.is_open and request.actor.session == session:
+                self.end(request, "withdrawn", now)
+
     def expire(self, leases: ControlLeases, now: float) -> Iterator[ControlRequest]:
         """End the requests that are without subject or too old and yield them as ended; drop what is no longer kept.
 

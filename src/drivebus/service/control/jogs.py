@@ -46,6 +46,8 @@ class RemoteJogs:
         await self.commands.run_motion(runtime, session.start())
         id = secrets.token_urlsafe(12)
         self._active[id] = ActiveJog(runtime, actor, session)
+        if self.plant.leases.has_ended(actor.session, self.plant.now()):
+            self.end_control(actor.session)
         assert session.start_outcome is not None
         answer = self.commands.publish_outcome(runtime, "jog", session.start_outcome, actor)
         return {"jog": id, "lease_s": session.lease_s, **answer}

@@ -13,6 +13,11 @@ from drivebus.service.runtime.utc_clock import UtcClock
 
 LEASE_TTL_S = 10.0  # a lease ends this long after its last renewal
 ARM_TTL_S = 10.0  # a start follows its arming within this time
+ENDED_SESSION_TTL_S = 10.0
+"""A session that ended takes no control for this time: its commands under way have expired by then.
+
+Not for ever, because a token may get the right to control again.
+"""
 MAX_ARM_TOKENS = 100  # of one session, valid at a time; a further one replaces its oldest
 
 
@@ -43,6 +48,8 @@ class ControlLeases:
         self._leases: dict[str, ControlLease] = {}
         self._replaced_expired: list[ControlLease] = []
         """Ended leases whose drive was taken again before ``pop_expired`` returned them."""
+        self._ended_sessions: dict[str, float] = {}
+        """Session → monotonic time until which it takes no control."""
 
     def get(self, drive: str, now: float) -> ControlLease | None:
         """Return the lease in force; None if the drive has none."""
@@ -52,8 +59,10 @@ class ControlLeases:
     def take(self, drive: str, actor: Actor, now: float) -> ControlLease | None:
         """Give the actor control and return the lease of another session that this ended; an engineer may take one.
 
-        Raises ControlNotHeld where another session has control and the actor may not take it.
+        Raises ControlNotHeld where another session has control and the actor may not take it, and for an ended session.
         """
+        if self.has_ended(actor.session, now):
+            raise ControlNotHeld("plant.session_has_ended", drive=drive)
         lease = self.get(drive, now)
         taken = lease if lease is not None and lease.actor.session != actor.session else None
         if taken is not None and not actor.may(Right.WRITE_PARAMETERS):
@@ -120,12 +129,18 @@ class ControlLeases:
         before, self._replaced_expired = self._replaced_expired, []
         return before + over
 
-    def pop_session(self, session: str, now: float) -> list[ControlLease]:
-        """End the leases of a session and return them."""
+    def end_session(self, session: str, now: float) -> list[ControlLease]:
+        """End the leases of a session that has ended and return them; for a moment it takes no other."""
+        self._ended_sessions = {one: until for one, until in self._ended_sessions.items() if now < until}
+        self._ended_sessions[session] = now + ENDED_SESSION_TTL_S
         held = [lease for drive in self._leases if (lease := self.get(drive, now)) and lease.actor.session == session]
         for lease in held:
             del self._leases[lease.drive]
         return held
+
+    def has_ended(self, session: str, now: float) -> bool:
+        """Return whether a session ended within ``ENDED_SESSION_TTL_S``."""
+        return now < self._ended_sessions.get(session, now)
 
     def remove_drive(self, drive: str) -> None:
         """Drop the lease of a drive that was removed from the plant, or replaced. Idempotent."""

@@ -38,7 +38,7 @@ class StopPolicies:
 
     def end_control(self, session: str, ended_by: str) -> list[str]:
         """End the control of a session that has ended, as at the end of its leases; return the drives."""
-        leases = self.plant.leases.pop_session(session, self.plant.now())
+        leases = self.plant.leases.end_session(session, self.plant.now())
         reason = bilingual_text(f"plant.session_ended.{ended_by}")
         self._on_leases_ended(leases, "plant.lease_ended_with_session", reason=reason)
         return [lease.drive for lease in leases]

@@ -73,7 +73,7 @@ class IncidentService(PlantListener):
         plant, bus = self._plant, await self._bus_snapshot(alarm.drive)
         recording = self.recorder.capture(alarm, plant.views.get(alarm.drive), bus, plant.now(), plant.wall_ms())
         incident = await asyncio.shield(recording)
-        if incident is not None and plant.alarms.find(alarm.id) is not None:
+        if incident is not None:
             plant.publish_alarms(plant.alarms.attach_incident(alarm.id, incident))
 
     async def _bus_snapshot(self, drive: str) -> BusSnapshot | None:

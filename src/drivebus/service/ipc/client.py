@@ -89,8 +89,16 @@ class SocketClient:
 
     async def record(self, entry: Json, actor: Actor) -> None:
         """See ``ServiceClient.record``."""
+        await self._notify({"record": entry}, actor)
+
+    async def end_control(self, reason: str, actor: Actor) -> None:
+        """See ``ServiceClient.end_control``."""
+        await self._notify({"end_control": reason}, actor)
+
+    async def _notify(self, message: Json, actor: Actor) -> None:
+        """Send a message that has no result. Raises ServiceUnavailable, AuditUnavailable."""
         try:
-            await self._request({"record": entry, "actor": actor.as_json()})
+            await self._request(message | {"actor": actor.as_json()})
         except ServiceErrorReply as error:
             raise error_from_json(json.loads(error.payload)) from None
 

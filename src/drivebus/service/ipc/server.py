@@ -122,7 +122,9 @@ class _ClientConnection:
 
     def _dispatch(self, message: Json, actor: Actor) -> Awaitable[Json]:
         if "record" in message:
-            return self._record(message["record"], actor)
+            return _without_result(self._service.record(message["record"], actor))
+        if "end_control" in message:
+            return _without_result(self._service.end_control(str(message["end_control"]), actor))
         operation = str(message["op"])
         if len(self._request_tasks) >= MAX_CONCURRENT_REQUESTS and not _is_stop(operation):
             return _too_busy()
@@ -133,10 +135,6 @@ class _ClientConnection:
         if declared is None or declared.yields:
             await yield_to_loop()
         return await self._service.call(operation, params, actor)
-
-    async def _record(self, entry: Json, actor: Actor) -> Json:
-        await self._service.record(entry, actor)
-        return {}
 
     async def _answer(self, id: Any, work: Awaitable[Json]) -> None:
         try:
@@ -172,6 +170,11 @@ class _ClientConnection:
 def _is_stop(operation: str) -> bool:
     declared = OPERATIONS.get(operation)
     return declared is not None and declared.is_stop
+
+
+async def _without_result(work: Awaitable[None]) -> Json:
+    await work
+    return {}
 
 
 async def _too_busy() -> Json:

@@ -53,3 +53,10 @@ class ServiceClient(Protocol):
     async def record(self, entry: Json, actor: Actor) -> None:
         """Write an event into the audit trail that is no operation: a login, a denied request."""
         ...
+
+    async def end_control(self, reason: str, actor: Actor) -> None:
+        """End the control of a session or token that has ended, or lost the right to it, and record its drives.
+
+        ``reason``: as ``Credential.end_reason``.
+        """
+        ...

@@ -82,6 +82,7 @@ def drive_view(plant: Plant, runtime: DriveRuntime, status: DriveStatus | None =
         commanded_hz=runtime.commanded_hz,
         minimum_hz=minimum,
         maximum_hz=maximum,
+        above_limit_hz=runtime.above_limit_hz,
         setpoint_cap_hz=runtime.drive.setpoint_cap_hz,
         comm_loss=runtime.comm_loss.view,
         lease=None if lease is None else lease.view(plant.clock),

@@ -213,6 +213,8 @@ class DriveView:
     """
     unusable_reply: Json | None = None
     """Error that names what a drive sends while it is not online; None: it sends nothing."""
+    above_limit_hz: float | None = None
+    """Frequency at which it runs or to which it was set, where that is above ``maximum_hz``."""
     setpoint_cap_hz: float | None = None
     """Highest frequency that is sent while the scale of its setpoint is not determined; None: no cap holds."""
     jog_frequency: str | None = None
@@ -233,6 +235,7 @@ class DriveView:
             "commanded_hz",
             "minimum_hz",
             "maximum_hz",
+            "above_limit_hz",
             "setpoint_cap_hz",
             "start_inhibited",
             "stop_pending",

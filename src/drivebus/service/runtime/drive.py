@@ -18,6 +18,7 @@ from drivebus.service.config.bus_load import polled_names, polls_of, profile_of
 from drivebus.service.config.model import DriveConfig
 from drivebus.service.live.views import Sample, StopObject
 from drivebus.service.runtime.comm_loss import CommLossState
+from drivebus.service.storage.settings import DriveIdentity
 from drivebus.values import Quality, Reading
 
 FREQUENCY_TOLERANCE_HZ = 0.1  # rounding of a frequency by the drive is no excess over a limit
@@ -55,6 +56,8 @@ class DriveRuntime:
         """Monotonic time of its last start by a group."""
         self.limits_lost = False
         """The limits that an engineer set are lost with their file: it is not started until they are set again."""
+        self.limits_set_for: DriveIdentity | None = None
+        """Another drive, for which its limits were set."""
         self.last_stop: StopObject | None = None
         """Its last stop request, until it is started again."""
         self.commanded_hz: float | None = None
@@ -136,12 +139,13 @@ class DriveRuntime:
 
     @property
     def above_limit_hz(self) -> float | None:
-        """Return the frequency at which it runs, where that is above its limit: a lower limit slows no motor."""
+        """Frequency at which it runs or to which it was set, where that is above its limit, which slows no motor."""
         status = self.status()
         read = status.readings.get("output_frequency")
         is_read = read is not None and read.quality is Quality.GOOD and isinstance(read.value, int | float)
-        frequency_hz = float(read.value) if is_read else self.commanded_hz  # type: ignore[union-attr, arg-type]
-        is_above = frequency_hz is not None and frequency_hz > self.drive.range_hz[1] + FREQUENCY_TOLERANCE_HZ
+        found = (float(read.value) if is_read else None, self.commanded_hz)  # type: ignore[union-attr, arg-type]
+        frequency_hz = max((hz for hz in found if hz is not None), default=0.0)
+        is_above = frequency_hz > self.drive.range_hz[1] + FREQUENCY_TOLERANCE_HZ
         return frequency_hz if is_above and (self.runs_for_service or status.state.turning) else None
 
     def set_limits(self, own: DriveLimits | None) -> None:

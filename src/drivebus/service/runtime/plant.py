@@ -338,8 +338,11 @@ class Plant:
         runtime.limits_lost = settings.limits_lost
         own = settings.limits
         runtime.set_limits(None if own is None else narrow_limits(own, runtime.config.limits))
-        set_for, present = settings.limits_set_for, DriveIdentity.of(runtime.config, self.bus_of(runtime).config)
-        if set_for not in (None, present):
+        set_for = settings.limits_set_for
+        if set_for == DriveIdentity.of(runtime.config, self.bus_of(runtime).config):
+            set_for = None
+        before, runtime.limits_set_for = runtime.limits_set_for, set_for
+        if set_for not in (None, before):
             self.publish_event("configuration", runtime.id, "plant.limits_of_another", **asdict(set_for))
 
     def report_above_limit(self, runtime: DriveRuntime) -> Json | None:

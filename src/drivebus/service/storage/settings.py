@@ -49,7 +49,11 @@ class StoredSettings:
     """Its limits can't be read, or were lost with a file that was put aside, and were not set again since."""
     comm_loss_record: CommLossRecord | None = None
     limits_set_for: DriveIdentity | None = None
-    """The drive that its limits were set for; None where they are not set, or an earlier version stored them."""
+    """The drive that its limits were set for.
+
+    None where no limits are set, an earlier version stored them, or it can't be read: then the limits hold all the
+    same, and no event tells that they may be another motor's.
+    """
 
     @classmethod
     def of(cls, store: Store, drive: str) -> StoredSettings:
@@ -89,7 +93,15 @@ def _limits_from_json(text: str) -> tuple[DriveLimits, DriveIdentity | None]:
         raise TypeError("a frequency is not a finite number")
     if type(limits.forward) is not bool or type(limits.reverse) is not bool:
         raise TypeError("a direction is neither true nor false")
-    return limits, None if identity is None else DriveIdentity(**identity)
+    return limits, _identity_from_json(identity)
+
+
+def _identity_from_json(found: object) -> DriveIdentity | None:
+    """Return a stored identity; None for anything else."""
+    match found:
+        case {"model": str(model), "port": str(port), "address": int(address)} if type(address) is int:
+            return DriveIdentity(model, port, address)
+    return None
 
 
 def _names_from_json(text: str) -> list[str]:

@@ -43,7 +43,7 @@ class AuthMiddleware:
         proxies: TrustedProxies,
         denials: DenialLog,
         routes: RouteTable,
-        ends: SessionEndWatch,
+        end_watch: SessionEndWatch,
     ) -> None:
         self.app = app
         self.auth = auth
@@ -51,7 +51,7 @@ class AuthMiddleware:
         self.proxies = proxies
         self.denials = denials
         self.routes = routes
-        self.ends = ends
+        self.end_watch = end_watch
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "lifespan":
@@ -167,7 +167,7 @@ class AuthMiddleware:
         self, route: Route, credential: Credential | None, scope: Scope, receive: Receive, send: Send
     ) -> None:
         if credential is not None:
-            self.ends.watch(credential)
+            self.end_watch.watch(credential)
         if isinstance(credential, SessionCredential) and not route.background and route.method not in READ_METHODS:
             await self.auth.record_activity(credential.session)
         if scope["type"] == "websocket" and credential is not None:

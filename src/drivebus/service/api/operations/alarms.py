@@ -60,6 +60,7 @@ class AlarmObject(ApiObject):
     ``setting``: id of its table in the plant file, or its ``kind``. ``drive`` is empty where it concerns none;
     ``subject`` is then a bus, an interlock or a file. An alarm that is raised again unacknowledged has a new ``id`` and
     ``raised_ms``; ``count`` is the number of times, ``first_id`` and ``first_raised_ms`` are those of the first one.
+    ``drive_replaced``: a reload has since removed its drive, or given the name to another motor.
     """
 
     id: str
@@ -83,6 +84,7 @@ class AlarmObject(ApiObject):
     shelved_by: str | None
     shelved_reason: str | None
     incident: str | None
+    drive_replaced: bool
 
 
 class ActiveAlarmsResponse(ApiObject):

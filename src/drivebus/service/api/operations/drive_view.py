@@ -79,7 +79,8 @@ class DriveObject(ApiObject):
     Its state and its most polled signal are read every ``poll_interval_s``; ``requested_interval_s`` is the period that
     its model or ``signals`` of the plant file asks for, which is shorter where the bus cannot carry it.
     ``setpoint_cap_hz``: highest frequency that is sent until the scale of its setpoint is calibrated, within its limits
-    ``minimum_hz`` and ``maximum_hz``; null: no cap holds.
+    ``minimum_hz`` and ``maximum_hz``; null: no cap holds. ``above_limit_hz``: frequency at which it runs or to which it
+    was set, where that is above ``maximum_hz``, else null.
     """
 
     id: str
@@ -99,6 +100,7 @@ class DriveObject(ApiObject):
     commanded_hz: float | None
     minimum_hz: float
     maximum_hz: float
+    above_limit_hz: float | None
     setpoint_cap_hz: float | None
     comm_loss: CommLossObject
     lease: LeaseObject | None

@@ -2,20 +2,14 @@
 import { html, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { api, drivePath } from "../api.js";
-import { TURNING_STATES } from "../drive-states.js";
 import { numberOf } from "../format.js";
 import { isLive } from "../live.js";
 import { may } from "../session.js";
 import { Button, Dialog, Field, FormEnd, useRequest } from "../ui.js";
 
-/** Rounding of a frequency by the drive is no excess. */
-const TOLERANCE_HZ = 0.1;
-
-/** Warning that the drive runs above its limit, or nothing. */
-function AboveLimit({ view }) {
-  const { value, quality } = view.signals.output_frequency ?? {};
-  return TURNING_STATES.includes(view.state) && quality === "good" && value > view.maximum_hz + TOLERANCE_HZ
-    && html`<b>${t("page.limits_above", { frequency_hz: value })}</b>`;
+/** Warning that the drive runs, or was set, above its limit, or nothing. */
+function AboveLimit({ view: { above_limit_hz } }) {
+  return above_limit_hz !== null && html`<b>${t("page.limits_above", { frequency_hz: above_limit_hz })}</b>`;
 }
 
 /** Limits in force; an engineer may narrow them. */
