@@ -422,7 +422,8 @@ def test_a_test_needs_control_its_own_token_a_drive_at_rest_and_the_right_to_set
 
 
 @pytest.mark.parametrize(
-    "changed", [{"parameters": {"F9.4": "50"}}, {"silence_s": None}, {"result": "never"}, {"more": 1}]
+    "changed",
+    [{"parameters": {"F9.4": "50"}}, {"silence_s": None}, {"result": "never"}, {"more": 1}, {"time_ms": 10**18}],
 )
 def test_a_damaged_record_is_none(changed: Json) -> None:
     whole: Json = {

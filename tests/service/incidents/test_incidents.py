@@ -269,6 +269,18 @@ def test_incidents_are_read_in_pages_by_time_range_and_drive(tmp_path: Path) -> 
     assert [item["time_ms"] for item in store.query(1, 3)["items"]] == [2, 1]
 
 
+@pytest.mark.parametrize("damaged", ["{}", '{"time_ms": "noon", "drive": "fan-1"}', '{"time_ms": 1, "drive": null}'])
+def test_a_damaged_incident_hides_no_other_and_ends_no_recording(tmp_path: Path, damaged: str) -> None:
+    store = IncidentStore(tmp_path)
+    ids = [store.write("fan-1", {"time_ms": n, "drive": "fan-1"}, {}, CaptureHeader(SERIAL), []) for n in (1, 2)]
+    (tmp_path / ids[0] / "summary.json").write_text(damaged)
+    (tmp_path / ids[0] / "notes.json").write_text('{"notes": 5}')
+    (tmp_path / "000009-fan-1").write_text("a file in the place of a folder")
+    assert [item["id"] for item in store.query(*ALL_TIME)["items"]] == ids[1:]
+    assert store.add_note(ids[0], {"text": "found"}) == [{"text": "found"}]
+    assert store.write("fan-1", {"time_ms": 3, "drive": "fan-1"}, {}, CaptureHeader(SERIAL), []) == "000003-fan-1"
+
+
 @pytest.mark.parametrize("id", ["../secret", "000009-fan-1", "", "000001-fan-1/../../x", ".000001-fan-1", "000001-FAN"])
 def test_no_incident_id_reaches_outside_the_folder(tmp_path: Path, id: str) -> None:
     store = IncidentStore(tmp_path / "incidents")

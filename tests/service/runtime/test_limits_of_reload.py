@@ -133,6 +133,25 @@ def test_a_reload_that_changes_its_polls_repeats_no_event_about_limits_of_anothe
     run(scenario())
 
 
+def test_a_changed_profile_file_is_not_half_in_force_after_other_poll_periods(tmp_path: Path) -> None:
+    """It took the place of the profile of a running drive, limits, registers and all, though only polls had changed."""
+    profile = tmp_path / "mine.toml"
+    profile.write_text('format = 1\nextends = "c320"\n[limits]\nmaximum_hz = 40.0\n')
+    fan = FAN_1.replace('"c320"', '"mine.toml"')
+    file = write(tmp_path / "plant.toml", fan)
+
+    async def scenario() -> None:
+        async with running_service(load(file)) as kit:
+            profile.write_text('format = 1\nextends = "c320"\n[limits]\nmaximum_hz = 45.0\n')
+            write(file, fan, "min_poll_interval_s = 2.0\n")
+            await kit.call("configuration.reload")
+            runtime = kit.service.plant.drives["fan-1"]
+            assert runtime.config.min_poll_interval_s == 2.0
+            assert (runtime.drive.range_hz[1], runtime.configured_range_hz[1]) == (40.0, 40.0)
+
+    run(scenario())
+
+
 def test_a_drive_that_ran_at_its_keypad_when_it_answered_last_does_not_leave_the_plant(tmp_path: Path) -> None:
     """Its state is unknown, and this service did not start it: a reload removed it, and nothing watched it any more."""
     file = write(tmp_path / "plant.toml", FAN_1, FAN_2)

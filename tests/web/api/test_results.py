@@ -52,7 +52,9 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
 @pytest.fixture(scope="module")
 def description(plant: RunningService) -> Json:
     headers = {"Authorization": f"Bearer {token(Role.ENGINEER)}"}
-    found: Json = httpx.get(f"{plant.url}{API_PREFIX}/openapi.json", headers=headers).raise_for_status().json()
+    found: Json = (
+        httpx.get(f"{plant.url}{API_PREFIX}/openapi.json", headers=headers, timeout=60.0).raise_for_status().json()
+    )
     return found
 
 

@@ -16,6 +16,8 @@ from typing import Any
 
 from drivebus.service.config.model import BusConfig, DriveConfig
 
+MAX_TIME_MS = 253_402_300_800_000  # of the year 10,000, which has no date here
+
 
 class CommLossResult(StrEnum):
     """Behaviour of the drive during the silence."""
@@ -58,8 +60,10 @@ class CommLossRecord:
             raise TypeError("a parameter is not a number")
         if type(record.silence_s) not in (int, float) or not math.isfinite(record.silence_s):
             raise TypeError("the silence is not a finite number")
-        if type(record.time_ms) is not int or type(record.user) is not str:
-            raise TypeError("time or user is missing")
+        if type(record.time_ms) is not int or not 0 <= record.time_ms < MAX_TIME_MS:
+            raise ValueError("the time is no date")
+        if type(record.user) is not str:
+            raise TypeError("the user is missing")
         return record
 
     def to_json(self) -> str:

@@ -94,7 +94,10 @@ class IncidentStore:
         wanted = (
             (number, one)
             for number, one in found
-            if one is not None and from_ms <= one["time_ms"] < to_ms and drive in (None, one["drive"])
+            if one is not None
+            and _is_summary(one)
+            and from_ms <= one["time_ms"] < to_ms
+            and drive in (None, one["drive"])
         )
         return page(((number, lambda one=one: one) for number, one in wanted), cursor, limit)  # type: ignore[misc]
 
@@ -107,7 +110,7 @@ class IncidentStore:
     def _ids(self) -> list[str]:
         if not self.folder.is_dir():
             return []
-        ids = [path.name for path in self.folder.iterdir() if INCIDENT_ID.fullmatch(path.name)]
+        ids = [path.name for path in self.folder.iterdir() if INCIDENT_ID.fullmatch(path.name) and path.is_dir()]
         return sorted(ids, key=_incident_number)
 
     def _remove_partial(self) -> None:
@@ -147,9 +150,14 @@ def _read_json(path: Path) -> Json | None:
     return found if isinstance(found, dict) else None
 
 
+def _is_summary(found: Json) -> bool:
+    """Return whether a stored object is a summary; a damaged one would keep all others from being listed."""
+    return type(found.get("time_ms")) is int and type(found.get("drive")) is str
+
+
 def _read_notes(path: Path) -> list[Json]:
-    notes: list[Json] = (_read_json(path) or {}).get("notes", [])
-    return notes
+    notes = (_read_json(path) or {}).get("notes")
+    return notes if isinstance(notes, list) else []
 
 
 def _write_capture(path: Path, header: CaptureHeader, frames: WireFrames) -> None:

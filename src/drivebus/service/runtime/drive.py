@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
+from drivebus import profiles
 from drivebus.bus import Bus
 from drivebus.bus.station import Presence
 from drivebus.drives import Drive, DriveState, DriveStatus
@@ -14,7 +15,7 @@ from drivebus.drives.monitor import Monitor
 from drivebus.drives.operations.status import complete_status
 from drivebus.drives.state import STATE_NOT_READ
 from drivebus.drives.store import Store
-from drivebus.service.config.bus_load import polled_names, polls_of, profile_of
+from drivebus.service.config.bus_load import polled_names, polls_of, with_periods
 from drivebus.service.config.model import DriveConfig
 from drivebus.service.live.views import Sample, StopObject
 from drivebus.service.runtime.comm_loss import CommLossState
@@ -37,7 +38,9 @@ class DriveRuntime:
     ) -> None:
         self.config, self.bus, self._on_status = config, bus, on_status
         self.id = config.id
-        self.profile = profile_of(config)
+        self._model_profile = profiles.load(config.model)
+        """Profile with its own periods. A changed file of it is read when the drive is added again."""
+        self.profile = with_periods(self._model_profile, config.signals)
         self.signals = polled_names(config, self.profile)
         """Polled signals: those that the configuration names, else all of the profile."""
         self.drive = Drive(
@@ -110,7 +113,7 @@ class DriveRuntime:
         """Apply changed limits and policies, and with ``polls`` changed polling."""
         self.config = setting
         if polls:
-            self.profile, watched = profile_of(setting), self.monitor is not None
+            self.profile, watched = with_periods(self._model_profile, setting.signals), self.monitor is not None
             self.signals = polled_names(setting, self.profile)
             self.drive.set_poll_periods(self.profile)
             self.polls = polls_of(setting, self.drive.dialect)
