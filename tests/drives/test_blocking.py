@@ -19,6 +19,7 @@ LOOP_ONLY = {
     "add_station",
     "remove_station",
     "submit",
+    "is_queued",
     "transact",
     "start_polling",
     "trace",

@@ -238,6 +238,10 @@ class Bus:
         self._perform(self.core.submit(bus_request, future, self.now()))
         return future
 
+    def is_queued(self, submitted: asyncio.Future[BusResult]) -> bool:
+        """Return whether a submitted request has not been sent yet, or waits to be sent once more."""
+        return self.core.scheduler.is_queued(submitted)
+
     def start_polling(
         self, address: int, polls: Sequence[Poll], on_result: Callable[[BusResult], None]
     ) -> PollSubscription:

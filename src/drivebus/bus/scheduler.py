@@ -206,6 +206,10 @@ class Scheduler:
             self._commands_in_row += 1
         self._polls_in_row = self._polls_in_row + 1 if priority is POLL else 0
 
+    def is_queued(self, token: object) -> bool:
+        """Return whether a request of this token waits in a queue, for its first or for another attempt."""
+        return any(prepared.token is token for queue in self.queues for prepared in queue)
+
     def remove_if(self, unwanted: Callable[[PreparedRequest], bool]) -> list[PreparedRequest]:
         """Remove requests from the queues (not from the poll schedule) and return them."""
         removed: list[PreparedRequest] = []

@@ -90,6 +90,7 @@ class Drive:
         self._stops = StopSupervisor(self._runner)
         self._calibration = Calibration(self._runner, self._stops, self._store, frozenset(options or ()))
         self._read_listeners: list[Callable[[BusResult], None]] = []
+        self._last_published: BusResult | None = None
         self._stored_loaded = False
         self._load_stored()
         bus.add_station(self.dialect.station_config)
@@ -172,7 +173,13 @@ class Drive:
         return Monitor(self.bus, self.dialect, signals, on_change, period_s, self._read_listeners)
 
     def _publish_read(self, result: BusResult) -> None:
-        """Pass a read to the monitors one turn of the event loop later, so that none can delay or break a command."""
+        """Pass a read to the monitors one turn of the event loop later, so that none can delay or break a command.
+
+        Concurrent stops that share a read pass it once.
+        """
+        if result is self._last_published:
+            return
+        self._last_published = result
         for listener in self._read_listeners:
             asyncio.get_running_loop().call_soon(listener, result)
 

@@ -27,7 +27,7 @@ generators without an event loop, see ``steps.run_pure``.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
@@ -38,6 +38,7 @@ from drivebus.bus.station import Presence
 from drivebus.drives.context import DriveContext
 from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContext
 from drivebus.drives.operations.steps import BusConditions, DriveOperation, GetBusConditions, Step, UpdateStore, Wait
+from drivebus.drives.shared_transactions import SharedTransactions
 from drivebus.drives.store import Store
 from drivebus.errors import DrivebusError, Expired
 
@@ -53,6 +54,7 @@ class OperationRunner:
         self._address = drive.dialect.address
         self._store, self._load_stored = store, load_stored
         self._command_lock = asyncio.Lock()
+        self._shared = SharedTransactions(bus, drive.dialect)
 
     @contextmanager
     def command(self, requested_at: float | None = None) -> Iterator[OperationContext]:
@@ -75,10 +77,23 @@ class OperationRunner:
             error.may_be_running = op.may_be_running
             raise
 
-    async def run(self, operation: DriveOperation[T], first_result: asyncio.Future[BusResult] | None = None) -> T:
-        """Run an operation, also beside another one. ``first_result``: the return value of ``submit_first``."""
+    async def run(self, operation: DriveOperation[T]) -> T:
+        """Run an operation, also beside another one."""
         self._load_stored()
-        return await run_operation(operation, self.bus, self._address, self._store, first_result)
+        return await run_operation(operation, self.bus, self._address, self._store)
+
+    def stop_context(self) -> OperationContext:
+        """Return the context of an operation for ``run_stop``."""
+        return OperationContext(self.drive, sync_request=self._shared.sync_request)
+
+    async def run_stop(self, operation: DriveOperation[T], first_result: asyncio.Future[BusResult] | None = None) -> T:
+        """Run an operation that stops the drive; other stops of the drive share its frames, except its first stop.
+
+        ``first_result``: the return value of ``submit_first``.
+        """
+        self._load_stored()
+        transact = self._shared.transact
+        return await run_operation(operation, self.bus, self._address, self._store, first_result, transact)
 
     def submit_first(self, operation: DriveOperation[Any]) -> asyncio.Future[BusResult]:
         """Submit the first request of an operation now: one turn of the event loop later a poll might go first."""
@@ -106,13 +121,18 @@ async def run_operation(
     address: int,
     store: Store,
     first_result: asyncio.Future[BusResult] | None = None,
+    transact: Callable[[BusRequest], Awaitable[BusResult]] | None = None,
 ) -> T:
-    """Perform the steps of an operation and return its result. Cancelling it sends nothing more."""
+    """Perform the steps of an operation and return its result. Cancelling it sends nothing more.
+
+    ``transact`` performs its transactions, None: ``Bus.transact``.
+    """
+    transact = transact or bus.transact
     try:
         step = next(operation) if first_result is None else operation.send(await first_result)
         while True:
             try:
-                result = await _perform(step, bus, address, store)
+                result = await _perform(step, bus, address, store, transact)
             except Exception as error:
                 step = operation.throw(error)
             else:
@@ -124,9 +144,11 @@ async def run_operation(
         operation.close()
 
 
-async def _perform(step: Step, bus: Bus, address: int, store: Store) -> Any:
+async def _perform(
+    step: Step, bus: Bus, address: int, store: Store, transact: Callable[[BusRequest], Awaitable[BusResult]]
+) -> Any:
     if isinstance(step, BusRequest):
-        return await bus.transact(step)
+        return await transact(step)
     if isinstance(step, Wait):
         await asyncio.sleep(step.seconds)
         return bus.now()

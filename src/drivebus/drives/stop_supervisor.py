@@ -33,6 +33,7 @@ class StopSupervisor:
     def __init__(self, runner: OperationRunner) -> None:
         self._runner = runner
         self._running: set[asyncio.Task[Outcome]] = set()
+        self._concurrent: set[OperationContext] = set()
         self._repetition: asyncio.Task[None] | None = None
         self._repeated_mode = StopMode.STOP
 
@@ -71,7 +72,7 @@ class StopSupervisor:
     async def _run(
         self, operation: DriveOperation[Outcome], mode: StopMode, first_result: asyncio.Future[BusResult] | None
     ) -> Outcome:
-        outcome = await self._runner.run(operation, first_result)
+        outcome = await self._runner.run_stop(operation, first_result)
         if outcome.succeeded:
             self.cancel_repetition()
         else:
@@ -84,10 +85,12 @@ class StopSupervisor:
         It is unconfirmed at its deadline, because its reads may still wait for their turn.
         """
         self.cancel_repetition()
-        bus, op = self._runner.bus, OperationContext(self._runner.drive)
-        progress = StopProgress(op, bus.now(), drive_count)
+        bus, op = self._runner.bus, self._runner.stop_context()
+        progress = StopProgress(op, bus.now(), drive_count, self._concurrent)
         operation = stop_operation.stop(op, mode, wait_confirmed=wait, progress=progress)
         task = self.start_stop(operation, mode, self._runner.submit_first(operation))
+        self._concurrent.add(op)
+        task.add_done_callback(lambda _: self._concurrent.discard(op))
         while not task.done():
             left_s = progress.deadline - bus.now()
             if left_s <= MIN_WAIT_S:
@@ -111,7 +114,7 @@ class StopSupervisor:
 
     async def _repeat(self, mode: StopMode) -> None:
         while not self._runner.bus.is_closed:
-            outcome = await self._runner.run(stop_operation.stop(OperationContext(self._runner.drive), mode))
+            outcome = await self._runner.run_stop(stop_operation.stop(self._runner.stop_context(), mode))
             if outcome.succeeded:
                 return
             await asyncio.sleep(STOP_REPEAT_INTERVAL_S)

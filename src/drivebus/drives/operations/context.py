@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Any
@@ -94,8 +95,11 @@ class OperationContext:
         stop_epoch: int | None = None,
         checks_started_at: float | None = None,
         requested_at: float | None = None,
+        sync_request: Callable[[Any], Any] | None = None,
     ) -> None:
+        """``sync_request``: source of sync probes that the operation shares with others; None: those of the dialect."""
         self.drive, self.dialect = drive, drive.dialect
+        self._sync_request = sync_request or drive.dialect.sync_request
         self.age = CommandAge(requested_at, checks_started_at)
         self.stop_epoch = stop_epoch  # at the request, plus our own stops; None: at the creation of the command
         self.reading_pairs = ReadingPairs()
@@ -133,8 +137,9 @@ class OperationContext:
         priority: RequestPriority = RequestPriority.PARAMETER,
         retry_policy: RetryPolicy = RetryPolicy.READ,
         permit: Permit | None = None,
+        tag: Any = None,
     ) -> DriveOperation[BusResult]:
-        """Perform one transaction, log it and update the dialect.
+        """Perform one transaction, log it and update the dialect. ``tag``: see ``BusRequest``.
 
         Reads have parameter priority: a stop removes queued commands and must not remove the reads that confirm it.
         """
@@ -152,6 +157,7 @@ class OperationContext:
             permit=permit,
             expires_at=expires_at,
             waits_in_quarantine=self.waits_in_quarantine,
+            tag=tag,
         )
         try:
             result = yield from transact(bus_request)
@@ -250,10 +256,10 @@ class OperationContext:
 
     def sync(self, avoid: Any = None) -> DriveOperation[DrivebusError | None]:
         """Send a sync probe, whose reply proves that replies are current, and return what went wrong."""
-        result = yield from self.transact(self.dialect.sync_request(avoid))
+        result = yield from self.transact(self._sync_request(avoid))
         if result.error is not None and getattr(result.error, "key", "") == MIRRORED_REPLY_KEY:
             yield from self.transact(self.dialect.echo_test_read())
-            result = yield from self.transact(self.dialect.sync_request(avoid))
+            result = yield from self.transact(self._sync_request(avoid))
         if result.error is not None:
             return _as_drivebus_error(result.error)
         return None if self.dialect.is_valid_sync_reply(result.reply) else NotPermitted("drives.sync_probe_rejected")

@@ -6,14 +6,15 @@ start another one (``DriveProfile.needs_model_check``).
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
-from math import isfinite
+from math import inf, isfinite
 from typing import Any
 
 from drivebus.bus.messages import BusResult, RequestPriority, RetryPolicy
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.operations.context import OperationContext
-from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
+from drivebus.drives.operations.steps import OWN_FRAME, DriveOperation, get_bus_conditions, wait
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import STATE_NOT_READ, DriveState
 from drivebus.errors import DrivebusError, PortLost
@@ -22,6 +23,7 @@ from drivebus.values import Text
 
 STOP_PROGRESS_TIMEOUT_S = 2.0  # a stop without progress for this long is reported as unconfirmed
 STOP_PROGRESS_TIMEOUT_TRANSACTIONS = 16  # or for two verified states and two stops, on a slow bus (300 baud: 10 s)
+MAX_CONCURRENT_STOPS = 64  # so many stops of one drive at once add the time of their frames, which go before any read
 MAX_DECELERATION_S = 120.0  # longest deceleration that counts as progress, unless the drive's own ramp is longer
 STOP_RESEND_INTERVAL_S = 0.5  # a decelerating drive gets the stop again: harmless, and bounds the cost of a lost one
 STOP_POLL_INTERVAL_S = 0.05  # pause between two verified states
@@ -31,9 +33,20 @@ UNVERIFIABLE_STOP_SENDS = 3  # repetitions for a drive that reports no run statu
 class StopProgress:
     """Progress of a stop and its deadline."""
 
-    def __init__(self, op: OperationContext, started_at: float, drives: int = 1) -> None:
-        """``drives``: number of drives that are stopped at once and read in turns."""
+    def __init__(
+        self,
+        op: OperationContext,
+        started_at: float,
+        drives: int = 1,
+        concurrent: Collection[OperationContext] = (),
+    ) -> None:
+        """``drives``: number of drives that are stopped at once and read in turns.
+
+        ``concurrent``: all stops of this drive that are under way, this one among them.
+        """
         self._op, self._started_at, self._drives = op, started_at, drives
+        self._concurrent = concurrent
+        self._stop_count, self._transaction_s = 1, inf
         self._decelerating_at = self._checked_progress_at = started_at
 
     @property
@@ -52,12 +65,22 @@ class StopProgress:
     @property
     def deadline(self) -> float:
         """Time at which the stop is unconfirmed: without progress, or beyond the drive's ramp where that is known."""
-        transaction_s = self._op.age.fastest_transaction_s
-        turns_s = STOP_PROGRESS_TIMEOUT_TRANSACTIONS * self._drives * transaction_s if isfinite(transaction_s) else 0.0
-        without_progress = self._last_progress_at + max(STOP_PROGRESS_TIMEOUT_S, turns_s)
+        without_progress = self._last_progress_at + max(STOP_PROGRESS_TIMEOUT_S, self._turns_s())
         ramp_end = self._started_at + STOP_PROGRESS_TIMEOUT_S + (self._op.drive.deceleration_s or 0.0)
         longest = max(self._started_at + MAX_DECELERATION_S, ramp_end)
         return min(max(without_progress, ramp_end), longest)
+
+    def _turns_s(self) -> float:
+        """Return the time of the reads of all drives, and of the frames of concurrent stops, which go before them.
+
+        A stop whose own frame still waits takes the speed of the bus from the others.
+        """
+        self._stop_count = max(self._stop_count, min(len(self._concurrent), MAX_CONCURRENT_STOPS))
+        self._transaction_s = min(
+            self._transaction_s, *(op.age.fastest_transaction_s for op in (self._op, *self._concurrent))
+        )
+        transactions = STOP_PROGRESS_TIMEOUT_TRANSACTIONS + 2 * (self._stop_count - 1)
+        return transactions * self._drives * self._transaction_s if isfinite(self._transaction_s) else 0.0
 
 
 def stop(
@@ -121,7 +144,10 @@ def _send_stop_frames(op: OperationContext, mode: StopMode) -> DriveOperation[bo
         if place and not answered:
             break
         result: BusResult = yield from op.transact(
-            request, RequestPriority.COMMAND if place else RequestPriority.STOP, RetryPolicy.IDEMPOTENT
+            request,
+            RequestPriority.COMMAND if place else RequestPriority.STOP,
+            RetryPolicy.IDEMPOTENT,
+            tag=None if place or op.stops_sent else OWN_FRAME,
         )
         if place == 0:
             op.stops_sent += result.sent_at is not None

@@ -1,0 +1,75 @@
+"""Frames that the concurrent stops of one drive share: reads that confirm them, and repeated stops.
+
+Ten stops of a drive at once would read it in turns, and most of them would be reported as unconfirmed although the
+drive stands. So a frame that waits to be sent serves every stop that asks for the same frame meanwhile.
+
+Why a shared frame makes no stop less certain:
+
+1. The first frame of a stop is its own (``OWN_FRAME``) and leaves as if the drive had no other stop. Only its later
+   steps come here, after that frame was sent and answered or has timed out.
+2. A step joins a frame of the same bytes, priority and policy only while that has not been sent (``Bus.is_queued``).
+   Its first bit therefore leaves after the step, as that of a frame of its own would. A frame on the wire is joined by
+   none: what the drive reports in its reply may be older than the stop.
+3. A stop gets every result in the order of its own steps and judges it by itself: two states that agree, each behind a
+   sync probe, all sent after its own frame. Nothing that another stop has concluded is taken over.
+4. A failed frame fails for each stop that shares it, as a frame of its own would have. Each goes on from there.
+5. A stop that is cancelled takes no frame from the others.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from drivebus.bus import Bus
+from drivebus.bus.messages import BusRequest, BusResult
+from drivebus.drives.dialects.base import Dialect
+from drivebus.drives.operations.steps import OWN_FRAME
+
+
+class SharedTransactions:
+    """Transactions of one drive's stops."""
+
+    def __init__(self, bus: Bus, dialect: Dialect) -> None:
+        self._bus, self._dialect = bus, dialect
+        self._shared: list[_SharedTransaction] = []
+        self._sync_request: Any = None
+
+    def sync_request(self, avoid: Any = None) -> Any:
+        """Return the sync probe that waits to be sent, which a stop may join, else the next one of the dialect."""
+        waits = any(shared.is_joinable() and shared.request.request == self._sync_request for shared in self._shared)
+        if not waits or self._sync_request == avoid:
+            self._sync_request = self._dialect.sync_request(avoid)
+        return self._sync_request
+
+    async def transact(self, request: BusRequest) -> BusResult:
+        """Perform one transaction that is sent after this call, with others that ask for the same frame meanwhile."""
+        if request.tag is OWN_FRAME:
+            return await self._bus.transact(request)
+        found = next((shared for shared in self._shared if shared.is_joinable() and shared.request == request), None)
+        if found is None:
+            found = _SharedTransaction(self._bus, request)
+            self._shared.append(found)
+            found.result.add_done_callback(lambda _: self._shared.remove(found))
+        return await asyncio.shield(found.result)
+
+
+class _SharedTransaction:
+    """Shared frame and its result, for each stop that has joined it.
+
+    It is submitted one turn of the event loop later: stops that go on with the same reply ask in the same turn.
+    """
+
+    def __init__(self, bus: Bus, request: BusRequest) -> None:
+        self.request = request
+        self._bus = bus
+        self._submitted: asyncio.Future[BusResult] | None = None
+        self.result = asyncio.ensure_future(self._perform())
+
+    def is_joinable(self) -> bool:
+        """Return whether the frame has not been sent yet, or waits to be sent once more."""
+        return self._submitted is None or self._bus.is_queued(self._submitted)
+
+    async def _perform(self) -> BusResult:
+        self._submitted = self._bus.submit(self.request)
+        return await self._submitted

@@ -1,0 +1,380 @@
+"""Many stops of one drive at once: each sends its own frame, and one series of reads confirms them all."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from drivebus.bus.messages import BusRequest, BusResult, RequestPriority
+from drivebus.bus.trace import TraceEvent, TraceKind
+from drivebus.drives import Drive
+from drivebus.drives.operations.steps import OWN_FRAME
+from drivebus.drives.operations.stop import MAX_CONCURRENT_STOPS, StopProgress
+from drivebus.drives.outcome import Outcome
+from drivebus.drives.shared_transactions import SharedTransactions
+from drivebus.errors import NoReply, StopUnconfirmed
+from drivebus.protocols.codec import Effect
+from drivebus.simulator.motor import Motor
+from fixtures.drives import MODELS, SAFE_HZ, SimulatedDrives, dialect_for, operation_for, run_virtual
+
+
+@dataclass
+class Report:
+    """Outcomes of concurrent stops, their duration, and the number of frames by effect."""
+
+    outcomes: list[Outcome] = field(default_factory=list)
+    took_s: float = 0.0
+    frames: Counter[Effect] = field(default_factory=Counter)
+
+    @property
+    def keys(self) -> set[str]:
+        return {outcome.key for outcome in self.outcomes}
+
+    def check_frames(self, bench: SimulatedDrives) -> None:
+        """Check that each outcome has a stop of its own, and only reads that were sent after it."""
+        effect_of = bench.bus.core.stations[1].config.effect_of
+        own = []
+        for outcome in self.outcomes:
+            first = next((e for e in outcome.exchanges if effect_of(e.sent) is Effect.STOP), None)
+            assert first is not None or not outcome.succeeded
+            if first is not None and first.sent_at is not None:
+                assert all(
+                    e.sent_at is not None and first.sent_at < e.sent_at for e in outcome.exchanges if e is not first
+                )
+                own.append(first.sent_at)
+        assert len(set(own)) == len(own)
+
+
+async def stop_together(
+    bench: SimulatedDrives, drive: Drive, count: int, begin: Callable[[], None] = lambda: None
+) -> Report:
+    """Stop a drive ``count`` times at once, after ``begin``, and check the frames of each outcome."""
+    report = Report()
+    effect_of = bench.bus.core.stations[1].config.effect_of
+
+    def on_frame(event: TraceEvent) -> None:
+        if event.kind is TraceKind.SENT:
+            report.frames[effect_of(event.data)] += 1
+
+    begin()
+    began = bench.bus.now()
+    end_trace = bench.bus.trace(on_frame)
+    report.outcomes = await asyncio.gather(*(outcome_of(drive) for _ in range(count)))
+    report.took_s = bench.bus.now() - began
+    end_trace()
+    report.check_frames(bench)
+    return report
+
+
+async def outcome_of(drive: Drive) -> Outcome:
+    try:
+        return await drive.stop()
+    except StopUnconfirmed as error:
+        outcome: Outcome = error.outcome
+        return outcome
+
+
+async def run_drive(drive: Drive, model: str) -> None:
+    await drive.run(SAFE_HZ[model])
+    await asyncio.sleep(3)
+
+
+@pytest.mark.parametrize("count", [1, 10, 50])
+@pytest.mark.parametrize("model", MODELS)
+def test_every_one_of_many_stops_at_once_is_confirmed(model: str, count: int) -> None:
+    """They read the drive in turns: 9 of 10 were reported as unconfirmed, with an alarm, although the motor stood."""
+
+    async def scenario() -> Report:
+        async with SimulatedDrives(model) as bench:
+            drive = bench.drive()
+            await run_drive(drive, model)
+            report = await stop_together(bench, drive, count)
+            await asyncio.sleep(5)  # DF800 acknowledges the stop while the motor ramps down
+            assert not bench.station().running and not drive.stopping
+            return report
+
+    report = run_virtual(scenario())
+    expected = "drives.stop_acknowledged" if model == "df800" else "drives.stop_confirmed"
+    assert report.keys == {expected}
+    assert report.frames[Effect.STOP] >= count
+    assert report.frames[Effect.NONE] <= 130  # one stop of a motor that ramps down for 4 s: 100
+
+
+async def stop_on_a_lossy_line(model: str, count: int) -> Report:
+    """Stop a drive where every tenth transaction fails; what is not confirmed is repeated until it is."""
+    async with SimulatedDrives(model, query="line_quality=loss=0.05&seed=7&ramp=2") as bench:
+        drive = bench.drive()
+        bench.station().keypad_run(SAFE_HZ[model])
+        await asyncio.sleep(3)
+        report = await stop_together(bench, drive, count)
+        assert drive.stop_pending or all(outcome.succeeded for outcome in report.outcomes)
+        await asyncio.sleep(20)
+        assert not drive.stopping and not bench.station().running
+        return report
+
+
+@pytest.mark.parametrize("model", ["c320", "vc660"])
+def test_ten_stops_at_once_are_confirmed_where_every_tenth_transaction_fails(model: str) -> None:
+    assert run_virtual(stop_on_a_lossy_line(model, 10)).keys == {"drives.stop_confirmed"}
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_fifty_stops_at_once_on_such_a_line_are_repeated_until_the_drive_confirms_one(model: str) -> None:
+    """A lost reply makes the replies to the frames behind it untrusted, so that some may be reported as unconfirmed."""
+    run_virtual(stop_on_a_lossy_line(model, 50))
+
+
+@pytest.mark.parametrize("count", [1, 10, 50])
+@pytest.mark.parametrize("model", [model for model in MODELS if model != "df800"])
+def test_many_stops_at_once_of_a_drive_that_does_not_stop_are_all_unconfirmed_and_repeated(
+    model: str, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def scenario() -> Report:
+        async with SimulatedDrives(model) as bench:
+            drive = bench.drive()
+            await run_drive(drive, model)
+            report = await stop_together(
+                bench, drive, count, lambda: monkeypatch.setattr(Motor, "stop", lambda *_: None)
+            )
+            assert bench.station().running and drive.stop_pending
+            monkeypatch.undo()
+            await asyncio.sleep(10)
+            assert not bench.station().running and not drive.stop_pending
+            return report
+
+    report = run_virtual(scenario())
+    assert report.keys == {"drives.stop_unconfirmed"}
+    assert report.took_s < (2.3 if count <= 10 else 7.5)
+
+
+@pytest.mark.parametrize("count", [1, 50])
+@pytest.mark.parametrize("model", MODELS)
+def test_many_stops_at_once_of_a_drive_that_is_silent_are_all_unconfirmed(model: str, count: int) -> None:
+    async def scenario() -> Report:
+        async with SimulatedDrives(model) as bench:
+            drive = bench.drive()
+            await run_drive(drive, model)
+            bench.station().faults.silent = True
+            return await stop_together(bench, drive, count)
+
+    report = run_virtual(scenario())
+    assert {outcome.succeeded for outcome in report.outcomes} == {False}
+
+
+@pytest.mark.parametrize("model", [model for model in MODELS if model != "df800"])
+@pytest.mark.parametrize("later_s", [0.0, 0.04, 0.08, 0.12, 0.16])
+def test_a_stop_is_not_confirmed_by_the_reads_of_a_stop_before_it(
+    model: str, later_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A first stop is just being confirmed when the motor is started at the keypad and a second stop is requested.
+
+    The drive does not execute the second one: only reads after its own frame show that the motor runs.
+    """
+
+    async def scenario() -> None:
+        async with SimulatedDrives(model) as bench:
+            drive, station = bench.drive(), bench.station()
+            await run_drive(drive, model)
+            first = asyncio.ensure_future(outcome_of(drive))
+            for _ in range(2000):
+                if not station.running:
+                    break
+                await asyncio.sleep(0.005)
+            await asyncio.sleep(later_s)
+            monkeypatch.setattr(Motor, "stop", lambda *_: None)
+            station.keypad_run(SAFE_HZ[model])
+            requested_at = bench.bus.now()
+            second = await outcome_of(drive)
+            assert second.key == "drives.stop_unconfirmed"
+            assert all((exchange.sent_at or 0.0) >= requested_at for exchange in second.exchanges)
+            monkeypatch.undo()
+            await first
+
+    run_virtual(scenario())
+
+
+# --- the frames that stops share ------------------------------------------------------------------------------------
+
+
+class QueueBus:
+    """Bus whose queued requests a test sends one by one."""
+
+    def __init__(self) -> None:
+        self.submitted: list[tuple[BusRequest, asyncio.Future[BusResult]]] = []
+        self.sent = 0
+
+    def submit(self, request: BusRequest) -> asyncio.Future[BusResult]:
+        future: asyncio.Future[BusResult] = asyncio.get_running_loop().create_future()
+        self.submitted.append((request, future))
+        return future
+
+    async def transact(self, request: BusRequest) -> BusResult:
+        return await self.submit(request)
+
+    def is_queued(self, future: asyncio.Future[BusResult]) -> bool:
+        return any(future is queued for _, queued in self.submitted[self.sent :])
+
+    def send_next(self) -> None:
+        self.sent += 1
+
+    def reply(self, error: Exception | None = None) -> BusResult:
+        request, future = self.submitted[self.sent - 1]
+        result = BusResult(bus_request=request, reply=None if error else "reply", error=error)
+        future.set_result(result)
+        return result
+
+    @property
+    def requests(self) -> list[Any]:
+        return [request.request for request, _ in self.submitted]
+
+
+def shared_on(bus: QueueBus) -> SharedTransactions:
+    return SharedTransactions(bus, dialect_for("vc660"))  # type: ignore[arg-type]
+
+
+def read(request: Any = "read", **more: Any) -> BusRequest:
+    return BusRequest(station=1, request=request, **more)
+
+
+async def settle() -> None:
+    for _ in range(5):
+        await asyncio.sleep(0)
+
+
+def tasks_of(shared: SharedTransactions, requests: Iterable[BusRequest]) -> list[asyncio.Task[BusResult]]:
+    return [asyncio.ensure_future(shared.transact(request)) for request in requests]
+
+
+def test_stops_that_ask_for_the_same_read_before_it_is_sent_share_it() -> None:
+    async def scenario() -> None:
+        bus = QueueBus()
+        shared = shared_on(bus)
+        tasks = tasks_of(shared, [read(), read()])
+        await settle()
+        tasks += tasks_of(shared, [read()])
+        await settle()
+        assert bus.requests == ["read"]
+        bus.send_next()
+        result = bus.reply()
+        assert await asyncio.gather(*tasks) == [result] * 3
+
+    run_virtual(scenario())
+
+
+def test_no_stop_joins_a_read_that_is_on_the_wire() -> None:
+    """Its reply may show the drive as it was before the stop."""
+
+    async def scenario() -> None:
+        bus = QueueBus()
+        shared = shared_on(bus)
+        early = tasks_of(shared, [read()])
+        await settle()
+        bus.send_next()
+        late = tasks_of(shared, [read()])
+        await settle()
+        assert bus.requests == ["read", "read"]
+        first = bus.reply()
+        await settle()
+        assert early[0].result() is first and not late[0].done()
+        bus.send_next()
+        assert bus.reply() is await late[0]
+
+    run_virtual(scenario())
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"request": "another read"},
+        {"priority": RequestPriority.STOP},
+        {"waits_in_quarantine": False},
+        {"tag": OWN_FRAME},
+    ],
+)
+def test_another_frame_or_the_same_under_other_terms_is_not_shared(other: dict[str, Any]) -> None:
+    async def scenario() -> None:
+        bus = QueueBus()
+        shared = shared_on(bus)
+        tasks = tasks_of(shared, [read(), read(**other), read(**other)])
+        await settle()
+        assert len(bus.submitted) == (3 if other == {"tag": OWN_FRAME} else 2)
+        for _ in bus.submitted:
+            bus.send_next()
+            bus.reply()
+        await asyncio.gather(*tasks)
+
+    run_virtual(scenario())
+
+
+def test_a_stop_that_is_cancelled_takes_the_shared_read_from_no_other() -> None:
+    async def scenario() -> None:
+        bus = QueueBus()
+        first, second = tasks_of(shared_on(bus), [read(), read()])
+        await settle()
+        first.cancel()
+        await settle()
+        bus.send_next()
+        assert bus.reply() is await second and first.cancelled()
+
+    run_virtual(scenario())
+
+
+def test_a_shared_read_that_fails_fails_for_each_stop_and_is_not_shared_any_more() -> None:
+    async def scenario() -> None:
+        bus = QueueBus()
+        shared = shared_on(bus)
+        tasks = tasks_of(shared, [read(), read()])
+        await settle()
+        bus.send_next()
+        bus.reply(NoReply("bus.no_reply", station=1))
+        assert [(await task).error is None for task in tasks] == [False, False]
+        again = tasks_of(shared, [read()])
+        await settle()
+        bus.send_next()
+        assert bus.reply() is await again[0] and len(bus.submitted) == 2
+
+    run_virtual(scenario())
+
+
+def test_stops_share_a_sync_probe_while_it_waits_and_each_probe_on_the_wire_is_another_one() -> None:
+    async def scenario() -> None:
+        bus = QueueBus()
+        shared = shared_on(bus)
+        sent: list[Any] = []
+        for _ in range(4):
+            tasks = []
+            for _ in range(9):
+                tasks += tasks_of(shared, [read(shared.sync_request())])
+                await settle()
+            assert len(bus.submitted) == len(sent) + 1
+            waiting = bus.requests[-1]
+            assert shared.sync_request(avoid=waiting) != waiting
+            sent.append(waiting)
+            bus.send_next()
+            bus.reply()
+            await asyncio.gather(*tasks)
+        assert len(set(sent)) == len(sent)
+
+    run_virtual(scenario())
+
+
+# --- the deadline ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("count", "timeout_s"), [(1, 2.0), (10, 3.4), (50, 11.4), (1000, 14.2)])
+def test_the_deadline_grows_with_the_frames_of_concurrent_stops_but_not_without_bound(
+    count: int, timeout_s: float
+) -> None:
+    """A stop whose frame still waits takes the speed of the bus from the others."""
+    ops = [operation_for(dialect_for("c320")) for _ in range(count)]
+    ops[-1].age.fastest_transaction_s = 0.1
+    progress = StopProgress(ops[0], 100.0, concurrent=ops)
+    assert progress.deadline == pytest.approx(100.0 + timeout_s)
+    del ops[1:]
+    assert progress.deadline == pytest.approx(100.0 + timeout_s)  # the host was not asleep where the others ended first
+    assert MAX_CONCURRENT_STOPS == 64
