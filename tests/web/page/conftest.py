@@ -34,8 +34,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
-    """Start Debian's Chromium, a second time where its first start fails."""
-    program = peers.need_program("chromium", "chromium")
+    """Start Debian's Chromium without a window, a second time where its first start fails."""
+    program = peers.need_program("chromium-headless-shell", "chromium-headless-shell")
     peers.need_module("playwright")
     from playwright.sync_api import Error, sync_playwright
 
@@ -101,7 +101,7 @@ def visit(browser: Any, stage: Stage) -> Iterator[Visit]:
         context = browser.new_context(viewport=viewport, color_scheme=theme, locale=locale, **more)
         contexts.append(context)
         page = context.new_page()
-        page.set_default_timeout(15_000)
+        page.set_default_timeout(30_000)
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("console", lambda text: _record_error(text, errors))
         page.goto(f"{stage.at}/{way}")

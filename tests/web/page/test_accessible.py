@@ -181,8 +181,9 @@ def test_on_a_low_screen_the_stop_bar_leaves_the_room_to_the_page(
     page.locator(".stop-status.good").wait_for()
 
 
-PLACES = """() => [...document.querySelectorAll('main button, .stop, nav a')]
+PLACES = """() => [...document.querySelectorAll('main button:not(.drivedetails *), .stop, nav a')]
   .map((one) => one.getBoundingClientRect()).map(({ x, y }) => [x, y])"""
+"""Places of the buttons above the details of a drive, whose chart may be drawn later."""
 
 NEWS = """async () => {
   const [store, taken, stops] = await Promise.all(
