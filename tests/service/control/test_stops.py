@@ -11,6 +11,7 @@ import pytest
 from drivebus import i18n
 from drivebus.bus.station import Presence
 from drivebus.drives.drive import Drive
+from drivebus.drives.outcome import Outcome
 from drivebus.drives.state import DriveState
 from drivebus.errors import (
     ArmRequired,
@@ -214,6 +215,24 @@ def test_a_failed_start_counts_as_one_of_the_service_unless_the_drive_knows_bett
             with pytest.raises(NoReply):
                 await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
             assert kit.service.plant.drives["fan-1"].started_by_service is counts
+
+    run(scenario())
+
+
+def test_a_start_during_which_an_earlier_stop_is_confirmed_counts_as_one_of_the_service() -> None:
+    """The end of the service would have left it running."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await ready(kit)
+            runtime = kit.service.plant.drives["fan-1"]
+
+            async def start() -> Outcome:
+                runtime.end_motion()  # as at the confirmation of the stop
+                return await runtime.drive.run(5.0)
+
+            await kit.service.commands.run_motion(runtime, start())
+            assert runtime.started_by_service
 
     run(scenario())
 

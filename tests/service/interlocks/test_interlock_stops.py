@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from dataclasses import replace
 from typing import Any
 
@@ -48,6 +49,34 @@ def test_a_violated_interlock_is_shown_as_start_blocker_and_rejects_a_start() ->
                 await kit.call("drive.run", drive="pump-1", frequency_hz=20.0)
             assert kit.station("pump-1").motor.phase is OutputPhase.OFF
             assert (await kit.call("drives.get", drive="fan-1"))["start_blockers"] == []
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("broken", ["alarms.observe", "view"])
+def test_an_interlock_does_not_go_on_with_an_old_view_where_a_part_of_the_supervision_fails(
+    monkeypatch: pytest.MonkeyPatch, broken: str
+) -> None:
+    """The drive that it requires had long stopped, and was still *running* for it."""
+
+    async def scenario() -> None:
+        async with running_service(plant_config(interlocks=(AIR,))) as kit:
+            await asyncio.sleep(15)
+            await start_both(kit)
+            plant = kit.service.plant
+            with monkeypatch.context() as context:
+                context.setattr(logging.getLogger("drivebus.service"), "exception", lambda *_: None)
+                if broken == "view":
+                    context.setattr(kit.service.publisher, "publish_drive", fail)
+                else:
+                    part, name = broken.split(".")
+                    context.setattr(getattr(plant, part), name, fail)
+                kit.station("fan-1").motor.stop()
+                await asyncio.sleep(8)
+                assert kit.station("pump-1").motor.phase is OutputPhase.OFF
+
+    def fail(*_: Any) -> None:
+        raise ValueError("broken")
 
     run(scenario())
 

@@ -131,6 +131,7 @@ class DriveCommands:
         else:
             if runtime.last_stop is last_stop:  # else it was stopped during the start
                 runtime.last_stop = None
+                runtime.started_by_service = True  # the stop before it may have been confirmed meanwhile
             return outcome
         finally:
             runtime.last_motion_at = self.plant.now()

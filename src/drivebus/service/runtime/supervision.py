@@ -178,15 +178,18 @@ class SupervisionCycle:
     def _supervise_drive(self, runtime: DriveRuntime) -> None:
         if self._plant.drives.get(runtime.id) is not runtime:
             return
-        now, now_ms = self._plant.now(), self._plant.wall_ms()
-        status = runtime.status()
+        plant, status = self._plant, runtime.status()
+        plant.views.pop(runtime.id, None)  # where no new one can be made, interlocks must not go on with the old one
         view = self._publisher.publish_drive(runtime, status)
-        self._report_presence(runtime, status)
-        self._report_fault(runtime, status)
-        self._policies.on_status(runtime, status)
-        self._plant.publish_alarms(self._plant.alarms.observe(view, now, now_ms))
-        self._plant.put_view(view)
-        self._schedule_comm_loss_read(runtime, now)
+        for step in (
+            lambda: plant.put_view(view),
+            lambda: self._report_presence(runtime, status),
+            lambda: self._report_fault(runtime, status),
+            lambda: self._policies.on_status(runtime, status),
+            lambda: plant.publish_alarms(plant.alarms.observe(view, plant.now(), plant.wall_ms())),
+            lambda: self._schedule_comm_loss_read(runtime, plant.now()),
+        ):
+            self._run_step(step)
 
     def _report_presence(self, runtime: DriveRuntime, status: DriveStatus) -> None:
         """Publish an event when a drive stops answering, when its late or damaged replies come, and when it is back."""
