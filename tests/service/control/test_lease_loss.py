@@ -10,7 +10,7 @@ import pytest
 
 from drivebus import i18n
 from drivebus.drives.state import DriveState
-from drivebus.errors import ArmRequired, ControlNotHeld, NotFound
+from drivebus.errors import ArmRequired, ControlNotHeld, NotFound, Superseded
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import OnClientLost
@@ -94,6 +94,35 @@ def test_a_request_for_control_of_a_session_that_ended_can_not_be_granted() -> N
                 await kit.call("control_request.grant", ANN, drive="fan-1", request=request["id"])
             lease = kit.service.plant.leases.get("fan-1", kit.service.plant.now())
             assert lease is not None and lease.actor == ANN
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("renewed", [True, False])
+def test_a_jog_that_another_user_has_stopped_is_not_renewed_and_its_expiry_does_not_hide_that_stop(
+    renewed: bool,
+) -> None:
+    """Its renewals were answered as if the motor turned on; then the stop was shown as the end of the jog."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(2)
+            await kit.grant_waivers()
+            await kit.call("lease.take", ANN, drive="fan-1")
+            token = (await kit.call("drive.arm", ANN, drive="fan-1"))["arm_token"]
+            jog = (await kit.call("drive.jog", ANN, drive="fan-1", frequency_hz=5.0, arm_token=token))["jog"]
+            stop = asyncio.create_task(kit.call("drive.stop", remote_actor("bob"), drive="fan-1"))
+            await asyncio.sleep(0.2)
+            if renewed:
+                with pytest.raises(Superseded):
+                    await kit.call("drive.jog_renew", ANN, drive="fan-1", jog=jog)
+            await stop
+            await asyncio.sleep(2)
+            last_stop = kit.service.plant.drives["fan-1"].last_stop
+            assert last_stop is not None and (last_stop.kind, last_stop.actor) == ("drive", "bob")
+            assert kit.drives_of_events("plant.jog_lost", actor="ann") == []
+            with pytest.raises(NotFound):
+                await kit.call("drive.jog_renew", ANN, drive="fan-1", jog=jog)
 
     run(scenario())
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import secrets
+from contextlib import suppress
 from dataclasses import dataclass
 
 from drivebus.drives.jog_session import JogSession
-from drivebus.errors import ControlNotHeld, DrivebusError, NotFound
+from drivebus.errors import ControlNotHeld, DrivebusError, NotFound, Superseded
 from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations.drives import DRIVE_JOG, DRIVE_JOG_END, DRIVE_JOG_RENEW, ActiveJogParams, JogParams
 from drivebus.service.auth.actor import Actor
 from drivebus.service.control.drive_commands import DriveCommands
 from drivebus.service.control.start_blockers import check_start
-from drivebus.service.control.tickets import CommandTicket
+from drivebus.service.control.tickets import CommandTicket, check_not_superseded
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
@@ -21,10 +22,11 @@ from drivebus.types import Json
 
 @dataclass(frozen=True, slots=True)
 class ActiveJog:
-    """A jog and its owner."""
+    """A jog with its owner and ticket."""
 
     drive: DriveRuntime
     actor: Actor
+    ticket: CommandTicket
     session: JogSession
 
 
@@ -45,7 +47,7 @@ class RemoteJogs:
         self.plant.arm_tokens.consume(params.arm_token, runtime.id, actor, self.plant.now())
         await self.commands.run_motion(runtime, session.start())
         id = secrets.token_urlsafe(12)
-        self._active[id] = ActiveJog(runtime, actor, session)
+        self._active[id] = ActiveJog(runtime, actor, ticket, session)
         if self.plant.leases.has_ended(actor.session, self.plant.now()):
             self.end_control(actor.session)
         assert session.start_outcome is not None
@@ -57,10 +59,12 @@ class RemoteJogs:
         """Extend a jog. Raises StartInhibited where it had ended: the motor was stopped.
 
         Raises ControlNotHeld where it is another session's, or another session has taken control since: then it ends.
+        Raises Superseded where a stop of the drive has ended it.
         """
         jog = self._find(params)
         if jog.actor.session != actor.session:
             raise ControlNotHeld("plant.not_owner", drive=jog.drive.id, owner=jog.actor.name)
+        self._remove_stopped(params.jog)
         now = self.plant.now()
         if self.plant.leases.get(jog.drive.id, now) is not None:
             self.plant.leases.require_own(jog.drive.id, actor, now)
@@ -90,10 +94,20 @@ class RemoteJogs:
             self._remove_expired(id, "plant.jog_ended_with_session")
         return [jog.drive.id for jog in jogs.values()]
 
+    def _remove_stopped(self, id: str) -> None:
+        """Remove a jog that a later stop of its drive has ended. Raises Superseded then."""
+        try:
+            check_not_superseded(self.plant, self._active[id].ticket)
+        except Superseded:
+            del self._active[id]
+            raise
+
     def expire(self) -> None:
-        """Remove jogs that were not renewed in time."""
+        """Remove jogs that were not renewed in time; one that a stop has ended without an event of its own."""
         for id in [id for id, jog in self._active.items() if jog.session.expired]:
-            self._remove_expired(id, "plant.jog_lost")
+            with suppress(Superseded):
+                self._remove_stopped(id)
+                self._remove_expired(id, "plant.jog_lost")
 
     def _remove_expired(self, id: str, key: str) -> None:
         """Remove a jog whose stop is on its way, with an event of this key; the outcome becomes another one."""
