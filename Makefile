@@ -11,7 +11,8 @@ INSTALL = $(BIN)/python -m pip install -q --disable-pip-version-check
 endif
 LOCKS := requirements/base.txt requirements/build.txt
 # These measure this machine, or hold to half a second of a real clock: one test at a time.
-ALONE := tests/web/page/test_jog.py tests/real tests/web/api tests/web/live tests/system/test_demo_dashboard.py
+ALONE := tests/web/page/test_jog.py tests/real tests/web/api/test_results.py tests/web/api/test_real_service.py \
+	tests/web/live tests/system/test_demo_dashboard.py
 # These wait for a browser and for real clocks most of the time: two browsers share the cores.
 BROWSER := tests/web/page
 # These hold to the real clock of slow buses and other programs: they wait nearly all the time, so three wait at once.
@@ -35,7 +36,7 @@ else
 	$(BIN)/python -m pytest -n 2 --dist loadgroup $(DOCUMENTED)
 	$(BIN)/python -m pytest -n 3 --dist loadfile $(WAITING)
 	$(BIN)/python -m pytest -n 2 --dist worksteal $(BROWSER) $(ALONE:%=--ignore %)
-	$(BIN)/python -m pytest $(ALONE) $(DOCUMENTED:%=--ignore %)
+	$(BIN)/python -m pytest $(ALONE)
 endif
 
 check: $(VENV)/.test ## Formatting, lint, types, layers and generated docs only
