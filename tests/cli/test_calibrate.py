@@ -101,7 +101,7 @@ def test_a_calibration_whose_output_is_lost_is_done_and_stored(monkeypatch: pyte
     options = ("setpoint_coding=hex-0.1", "query_coding=hex-0.1")
     with monkeypatch.context() as context:
 
-        def fail(text: str, err: bool = False) -> None:
+        def fail(text: str, err: bool = False, **_: Any) -> None:
             if not err:
                 raise OSError(28, "No space left on device")
 

@@ -127,7 +127,7 @@ def test_a_request_is_made_and_granted_where_the_output_of_both_commands_is_lost
     headers = {"Authorization": f"Bearer {token(Role.ENGINEER)}"}
     assert httpx.post(f"{plant.url}{API_PREFIX}/drives/fan-1/lease", headers=headers).status_code == 200
 
-    def fail(text: str, err: bool = False) -> None:
+    def fail(text: str, err: bool = False, **_: Any) -> None:
         raise BrokenPipeError
 
     with asking(plant.url) as asker:

@@ -23,7 +23,7 @@ from drivebus.cli.main import cli
 from drivebus.cli.output import ProgressBar
 from drivebus.cli.remote.selection import print_results
 from drivebus.cli.stop_errors import stop_to_the_end
-from drivebus.errors import NotFound
+from drivebus.errors import NotFound, StopUnconfirmed
 from drivebus.service.api.errors import error_to_json
 from drivebus.service.auth.users import UserFile
 from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
@@ -122,10 +122,10 @@ def full_disk(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let standard output fail; standard error is written."""
     echo = output.click.echo
 
-    def fail(text: str, err: bool = False) -> None:
+    def fail(text: str, err: bool = False, **more: Any) -> None:
         if not err:
             raise OSError(28, "No space left on device")
-        echo(text, err=True)
+        echo(text, err=True, **more)
 
     monkeypatch.setattr(output.click, "echo", fail)
 
@@ -164,7 +164,7 @@ def jog_with_lost_output(monkeypatch: pytest.MonkeyPatch) -> tuple[ExitCode, Any
         monkeypatch.setattr(output.click, "echo", raise_full_disk)
         print_outcome(outcome, bus, event)
 
-    def raise_full_disk(text: str, err: bool = False) -> None:
+    def raise_full_disk(text: str, **_: Any) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(jog, "_print_jog_outcome", print_or_fail)
@@ -289,6 +289,15 @@ def test_ctrl_z_does_not_suspend_a_stop() -> None:
     with stop_to_the_end(dry_run=False):
         assert signal.getsignal(signal.SIGTSTP) is signal.SIG_IGN
     assert signal.getsignal(signal.SIGTSTP) is found is signal.SIG_DFL
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGQUIT])
+def test_a_stop_that_a_signal_ends_is_reported_as_not_confirmed(number: signal.Signals) -> None:
+    """It ended without a word, as under ``timeout``, while the motor may have run on."""
+    with pytest.raises(StopUnconfirmed) as found, stop_to_the_end(dry_run=False):
+        assert signal.getsignal(number) is signal.default_int_handler
+        signal.raise_signal(number)
+    assert (found.value.key, signal.getsignal(number)) == ("bus_stop.interrupted", signal.SIG_DFL)
 
 
 def test_a_closed_terminal_does_not_end_a_stop(monkeypatch: pytest.MonkeyPatch) -> None:

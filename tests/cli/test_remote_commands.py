@@ -7,7 +7,8 @@ import json
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from typing import Any
@@ -25,8 +26,9 @@ from drivebus.cli.main import cli
 from drivebus.cli.remote import http_client
 from drivebus.cli.remote.convert import parse_error_outcome
 from drivebus.cli.remote.drive import RemoteDrive
+from drivebus.cli.signals import ShutdownSignal
 from drivebus.cli.tui.service_source import ServiceRowSource
-from drivebus.drives.outcome import OutcomeStatus
+from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import DriveState
 from drivebus.errors import ConfigurationError, OutcomeUnknown, Superseded
 from drivebus.service.api.errors import build_error_json
@@ -661,10 +663,10 @@ def test_comm_loss_test_goes_on_where_its_output_can_t_be_written(
     monkeypatch.setattr(comm_loss_test, "ACCELERATION_TIMEOUT_S", 0.2)
     echo = output.click.echo
 
-    def fail(text: str, err: bool = False) -> None:
+    def fail(text: str, err: bool = False, **more: Any) -> None:
         if err is is_error_output:
             raise OSError(28, "No space left on device")
-        echo(text, err=err)
+        echo(text, err=err, **more)
 
     monkeypatch.setattr(output.click, "echo", fail)
     words = ["comm-loss-test", "--service", plant.url, "--drive", "fan-2", "--frequency", "5", "--yes", "--json"]
@@ -672,6 +674,43 @@ def test_comm_loss_test_goes_on_where_its_output_can_t_be_written(
     assert result.exit_code == 1
     if is_error_output:
         assert json.loads(result.stdout)["event"] == "comm_loss_test"
+
+
+@pytest.mark.parametrize(("status", "code"), [(OutcomeStatus.CONFIRMED, 130), (OutcomeStatus.UNKNOWN, 4)])
+def test_comm_loss_test_that_ctrl_c_ends_says_how_its_stop_ended(
+    monkeypatch: pytest.MonkeyPatch, status: OutcomeStatus, code: int
+) -> None:
+    """It ended without a word while it was not known whether the motor had stopped."""
+
+    class Client:
+        @staticmethod
+        async def call(*_: Any) -> Any:
+            return {"address": 1, "model": "c320", "comm_loss": {"tested": None, "test": {}}}
+
+    @asynccontextmanager
+    async def open_client(_: str) -> AsyncIterator[Client]:
+        yield Client()
+
+    @contextmanager
+    def ctrl_c(**_: Any) -> Iterator[ShutdownSignal]:
+        shutdown = ShutdownSignal()
+        shutdown.request("SIGINT")
+        yield shutdown
+
+    async def started(*_: Any) -> Any:
+        return {"silence_s": 2.0}
+
+    async def stop(*_: Any, **__: Any) -> Outcome:
+        return Outcome(status=status, key="bus.closed")
+
+    monkeypatch.setattr("drivebus.cli.remote.client.open_client", open_client)
+    monkeypatch.setattr("drivebus.cli.signals.shutdown_signals", ctrl_c)
+    monkeypatch.setattr(RemoteDrive, "test_comm_loss", started)
+    monkeypatch.setattr(RemoteDrive, "stop", stop)
+    words = ["comm-loss-test", "--service", "http://127.0.0.1:1", "--drive", "fan-2", "--frequency", "5", "--yes"]
+    result = CliRunner().invoke(cli, [*words, "--json"])
+    stopped = json.loads(result.stdout)
+    assert (result.exit_code, stopped["event"], stopped["outcome"]) == (code, "stopped", str(status)), result.output
 
 
 @pytest.mark.parametrize(

@@ -100,6 +100,15 @@ def test_a_refusal_names_the_next_step(line: str, step: str, language: str) -> N
     assert step in run_words(shlex.split(line), language).output.replace("\n", " ")
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("command", ["calibrate", "loopback", "acceptance", "scan"])
+def test_a_command_of_a_port_says_that_it_does_not_work_through_a_service(command: str, language: str) -> None:
+    """``calibrate`` had the option, connected and failed with a traceback: a service does not calibrate."""
+    result = run_words([command, "--service", "http://127.0.0.1:1", "--drive", "fan-1"], language)
+    step = i18n.text("cli.no_such_option.service", language)
+    assert (result.exit_code, step in result.output.replace("\n", " ")) == (2, True), result.output
+
+
 @pytest.mark.parametrize(("model", "exit_code"), [("c320", 1), ("vc660", 3), ("dzb100", 1), ("df800", 3)])
 def test_bytes_that_are_no_reply_are_answered_with_the_remedy_that_a_stop_promises_of_a_status(
     model: str, exit_code: int

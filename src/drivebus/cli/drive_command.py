@@ -9,11 +9,13 @@ import asyncio
 import copy
 import sys
 from collections.abc import Awaitable, Callable, Sequence
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from drivebus.cli import connect, options, output
+from drivebus.cli.background_output import background_output
 from drivebus.cli.click_ext import CliCommand
 from drivebus.cli.connect import Target
 from drivebus.cli.errors import ExitCode
@@ -22,6 +24,7 @@ from drivebus.errors import ConfigurationError, InvalidParameters, NotFound
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus
+    from drivebus.cli.remote.drive import RemoteBus, RemoteDrive
     from drivebus.drives import Drive, DriveLimits
     from drivebus.drives.outcome import Outcome
 
@@ -129,12 +132,14 @@ def drive_command(
     on_group: Callable[..., Awaitable[ExitCode]] | None = None,
     extra: tuple[click.Parameter, ...] = (),
     stops: bool = False,
+    stays_attached: bool = False,
     examples: tuple[str, ...],
 ) -> CliCommand:
     """Make a command: ``execute(target, **extra)`` runs it, ``plan(dry, **extra)`` prints its frames.
 
     With ``on_group(service, group, **extra)`` it has ``--group``, for all drives of a group of a service.
     ``stops``: it is a stop, and an error that keeps it from being sent is reported as one of a stop.
+    ``stays_attached``: its motor runs while it prints, so that it never waits for the reader of its output.
     """
 
     def run_stop(**given: Any) -> ExitCode:
@@ -151,7 +156,8 @@ def drive_command(
             from drivebus.cli.dry_run import DryRun
 
             return plan(DryRun(target), **given)
-        return asyncio.run(execute(target, **given))  # type: ignore[arg-type]
+        with background_output() if stays_attached else nullcontext():
+            return asyncio.run(execute(target, **given))  # type: ignore[arg-type]
 
     port, *rest = options.drive_options()
     params = [port, *[param for param in extra if param.param_type_name == "argument"], *rest]
@@ -261,7 +267,7 @@ def check_start_delay(requested_at: float) -> None:
         raise Expired("drives.checks_timeout", age_s=round(age_s, 1), limit_s=MAX_START_DELAY_S)
 
 
-async def stop_and_print(bus: Bus, drive: Drive, code: ExitCode) -> ExitCode:
+async def stop_and_print(bus: Bus | RemoteBus, drive: Drive | RemoteDrive, code: ExitCode) -> ExitCode:
     """Stop at the end of an attached command; an unconfirmed stop decides the exit code.
 
     Nothing is printed before the stop is sent.

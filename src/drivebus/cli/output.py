@@ -15,6 +15,7 @@ from typing import Any
 import click
 
 from drivebus import i18n
+from drivebus.cli.background_output import background_stream
 from drivebus.errors import SystemReason
 from drivebus.terminal import discard_output
 
@@ -93,14 +94,18 @@ def continue_without_output() -> Iterator[None]:
         _continues.reset(before)
 
 
-def echo(ready: str, *, err: bool = False) -> None:
+def echo(ready: str, *, err: bool = False, nl: bool = True) -> None:
     """Print a text as it is, on standard output or ``err``. Raises OSError, but not in ``continue_without_output``."""
+    stream = sys.stderr if err else sys.stdout
     try:
-        click.echo(ready, err=err)
+        if (background := background_stream(stream)) is not None:
+            background.write(ready + "\n" * nl)
+        else:
+            click.echo(ready, err=err, nl=nl)
     except OSError as error:
         if not _continues.get():
             raise
-        discard_output(sys.stderr if err else sys.stdout)
+        discard_output(stream)
         if not err:
             print_note("cli.output_lost", reason=SystemReason(error))
 
@@ -120,6 +125,12 @@ def print_text(ready: str) -> None:
     """Print a text on standard output as it is; nothing with ``--json``."""
     if not as_json():
         echo(ready)
+
+
+def is_blocked() -> bool:
+    """Return whether the reader of standard output does not read, so that further output would only wait."""
+    background = background_stream(sys.stdout)
+    return background is not None and background.is_blocked
 
 
 def end_live_line() -> None:

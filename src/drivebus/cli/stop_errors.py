@@ -31,22 +31,31 @@ def stop_errors(name: str | None) -> Iterator[None]:
 def stop_to_the_end(*, dry_run: bool) -> Iterator[None]:
     """Send and confirm a stop although the terminal is closed, Ctrl-Z is pressed or the output can't be written.
 
-    Raises StopUnconfirmed where Ctrl-C ends it: it is not known whether it was sent. A dry run sends none.
+    Raises StopUnconfirmed where Ctrl-C, Ctrl-\\ or a request to terminate ends it: it is not known whether it was sent.
+    A dry run sends none.
     """
     if dry_run:
         yield
         return
     try:
-        with output.continue_without_output(), _ignore_hangup_and_suspension():
+        with output.continue_without_output(), _stop_signals():
             yield
     except KeyboardInterrupt:
         raise StopUnconfirmed("bus_stop.interrupted") from None
 
 
 @contextmanager
-def _ignore_hangup_and_suspension() -> Iterator[None]:
-    """Ignore a closed terminal, unless it is ignored already (``nohup``), and Ctrl-Z, which would suspend the stop."""
-    handlers: dict[str, Any] = {"SIGHUP": lambda *_: discard_terminal_output(), "SIGTSTP": signal.SIG_IGN}
+def _stop_signals() -> Iterator[None]:
+    """Ignore a closed terminal and Ctrl-Z, which would suspend the stop; let a request to terminate act as Ctrl-C.
+
+    A signal that is ignored or handled already, as by ``nohup``, stays as it is.
+    """
+    handlers: dict[str, Any] = {
+        "SIGHUP": lambda *_: discard_terminal_output(),
+        "SIGTSTP": signal.SIG_IGN,
+        "SIGTERM": signal.default_int_handler,
+        "SIGQUIT": signal.default_int_handler,
+    }
     numbers = {getattr(signal, name, None): handler for name, handler in handlers.items()}
     replaced = [number for number in numbers if number is not None and signal.getsignal(number) is signal.SIG_DFL]
     for number in replaced:

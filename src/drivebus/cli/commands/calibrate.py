@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 import sys
 from collections.abc import Awaitable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from drivebus.cli import connect, output
+from drivebus.cli import connect, options, output
+from drivebus.cli.background_output import background_output
+from drivebus.cli.click_ext import CliCommand
 from drivebus.cli.connect import Target
-from drivebus.cli.drive_command import drive_command, must_stop_after, print_outcome
+from drivebus.cli.drive_command import must_stop_after, pop_target, print_outcome
 from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -143,10 +146,20 @@ def _plan(dry: DryRun) -> ExitCode:
     return dry.print("dry.note.fewer", "dry.note.confirm")
 
 
-command = drive_command(
+def _run(dry_run: bool, **given: Any) -> ExitCode:
+    target = pop_target(given)
+    if dry_run:
+        from drivebus.cli.dry_run import DryRun
+
+        return _plan(DryRun(target))
+    with background_output():
+        return asyncio.run(_calibrate(target))
+
+
+command = CliCommand(
     "calibrate",
-    _calibrate,
-    _plan,
+    callback=_run,
+    params=[*options.drive_options(), options.dry_run_option()],
     examples=(
         "drivebus calibrate /dev/ttyUSB0 --model dzb100 --address 1",
         "drivebus calibrate /dev/ttyUSB0 --model df800 --address 2",

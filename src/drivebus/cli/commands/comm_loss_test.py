@@ -7,7 +7,9 @@ import sys
 from typing import TYPE_CHECKING
 
 from drivebus.cli import options, output
+from drivebus.cli.background_output import background_output
 from drivebus.cli.click_ext import CliCommand, Option
+from drivebus.cli.drive_command import stop_and_print
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.prompts import confirm
 from drivebus.types import Json
@@ -24,7 +26,8 @@ def _test(service: str, drive: str, frequency: float, silence: float | None, yes
 
     if not yes and not sys.stdin.isatty():
         raise ConfigurationError("comm_loss_test.not_confirmed")
-    return asyncio.run(_connect_and_test(service, drive, frequency, silence, yes))
+    with background_output():
+        return asyncio.run(_connect_and_test(service, drive, frequency, silence, yes))
 
 
 async def _connect_and_test(
@@ -32,7 +35,7 @@ async def _connect_and_test(
 ) -> ExitCode:
     from drivebus import profiles
     from drivebus.cli.remote.client import open_client
-    from drivebus.cli.remote.drive import RemoteDrive
+    from drivebus.cli.remote.drive import RemoteBus, RemoteDrive
     from drivebus.cli.signals import shutdown_signals
     from drivebus.service.api.operations.drives import DRIVES_GET
 
@@ -48,12 +51,10 @@ async def _connect_and_test(
                 with output.continue_without_output():  # the motor runs: only its stop may end the test
                     output.print_note("comm_loss_test.started", seconds=f"{started['silence_s']:g}")
                 found = await shutdown.interruptible(_result(drive))
-                if shutdown.received:
-                    await drive.stop()
+                if shutdown.received or found is None:
+                    return await stop_and_print(RemoteBus(), drive, ExitCode.INTERRUPTED)
             finally:
                 await drive.close()
-        if shutdown.received or found is None:
-            return ExitCode.INTERRUPTED
         with output.continue_without_output():  # it is over, and recorded
             return _print_result(name, found, view["comm_loss"]["tested"])
 

@@ -44,6 +44,7 @@ command = drive_command(
     "hold-ramp",
     _hold,
     _plan,
+    stays_attached=True,
     extra=(Argument(["seconds"], metavar="SECONDS", type=options.HOLD_TIME),),
     examples=(
         "drivebus hold-ramp /dev/ttyUSB0 5 --model vc660 --address 3",

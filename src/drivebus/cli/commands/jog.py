@@ -156,6 +156,7 @@ command = drive_command(
     "jog",
     _jog,
     _plan,
+    stays_attached=True,
     extra=(
         Option(
             ["--frequency"],

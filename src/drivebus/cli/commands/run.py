@@ -6,8 +6,6 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeGuard
 
-import click
-
 from drivebus.cli import connect, options, output
 from drivebus.cli.click_ext import Option
 from drivebus.cli.connect import Target
@@ -194,8 +192,11 @@ def _last_stop(drive: Drive) -> Json | None:
 
 
 def _print_status(bus: Bus, status: DriveStatus, profile: DriveProfile) -> None:
+    """Print a status; none while the reader of the output does not read."""
     from drivebus.cli.formatting import status_json, status_line
 
+    if output.is_blocked():
+        return
     output.print_json({"event": "status"} | status_json(status, bus.now()), stream=True)
     _redraw(status_line(status, profile))
 
@@ -214,9 +215,9 @@ def _redraw(text: str) -> None:
         return
     if sys.stdout.isatty():
         line = (output.wrap(text, output.terminal_width(sys.stdout)) or [""])[0]
-        click.echo(f"\r\x1b[K{line}", nl=False)
+        output.echo(f"\r\x1b[K{line}", nl=False)
     else:
-        click.echo(text)
+        output.echo(text)
 
 
 def _plan(dry: DryRun, frequency: float, reverse: bool, wait: bool, detach: bool) -> ExitCode:
@@ -245,6 +246,7 @@ command = drive_command(
     "run",
     _run,
     _plan,
+    stays_attached=True,
     extra=(
         Option(["--frequency"], type=options.FREQUENCY, required=True, metavar="HZ", example="--frequency 25"),
         Option(["--reverse"], is_flag=True),
