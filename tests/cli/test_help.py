@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 import click
 import pytest
+from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
 from drivebus.cli.click_ext import CliCommand, LazyGroup
@@ -46,6 +47,14 @@ def test_every_command_has_help_with_an_example_in_both_languages(
     for example in command.examples:  # type: ignore[attr-defined]
         assert example in result.output
     assert ("示例" in result.output) == (language == "zh")
+
+
+@pytest.mark.parametrize("path", [(), ("run",), ("user", "add")])
+def test_the_usual_words_for_help_and_version_work(path: tuple[str, ...]) -> None:
+    expected = CliRunner().invoke(cli, [*path, "--help", "--lang", "en"]).stdout
+    for words in ([*path, "-h", "--lang", "en"], ["help", *path, "--lang", "en"]):
+        assert CliRunner().invoke(cli, words).stdout == expected != ""
+    assert CliRunner().invoke(cli, ["-V"]).stdout.startswith("drivebus ")
 
 
 @pytest.mark.parametrize(("path", "command"), [(p, c) for p, c in TREE if isinstance(c, CliCommand)])
@@ -143,6 +152,28 @@ def test_each_shell_has_a_completion_script(shell: str) -> None:
     assert "_DRIVEBUS_COMPLETE" in result.output
     document = json.loads(CliRunner().invoke(cli, ["completion", shell, "--json"]).output)
     assert document["script"] in result.output
+
+
+@pytest.mark.parametrize(
+    ("words", "incomplete", "expected"),
+    [
+        (["stop"], "si", ("sim://", "plain")),
+        (["init", "/dev/ttyUSB0"], "tc", ("tcp://", "plain")),
+        (["status"], "/tmp/dri", ("/tmp/dri", "file")),
+        (["stop", "--all"], "pl", ("pl", "file")),
+        (["serve"], "pl", ("pl", "file")),
+        (["run", "x", "--record"], "", ("", "file")),
+        (["run", "x", "--model"], "c32", ("c320", "plain")),
+        (["run", "x", "--model"], "./my", ("./my", "file")),
+        (["scan", "x", "--models"], "vc660,c32", ("vc660,c320", "plain")),
+    ],
+)
+def test_the_shell_completes_ports_models_and_files(
+    words: list[str], incomplete: str, expected: tuple[str, str]
+) -> None:
+    """A plant file, a capture and a link to a pty were not completed at all."""
+    found = ShellComplete(cli, {}, "drivebus", "_DRIVEBUS_COMPLETE").get_completions(words, incomplete)
+    assert [(one.value, one.type) for one in found] == [expected]
 
 
 def test_completion_lists_the_commands() -> None:

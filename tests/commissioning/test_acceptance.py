@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
 from drivebus.cli import output
 from drivebus.cli.commands import acceptance as acceptance_command
 from drivebus.cli.connect import Target
+from drivebus.cli.main import cli
 from drivebus.cli.signals import ShutdownSignal
 from drivebus.commissioning.acceptance import (
     ACCEPTANCE_STEPS,
@@ -270,11 +272,16 @@ def test_a_motor_left_alone_whose_stop_cannot_be_sent_is_an_unconfirmed_stop(ben
     assert found.figures["error"].key == "drives.stop_not_sent_port"
 
 
-@pytest.mark.parametrize("question", ["acceptance.ask.turns", "nothing"])
+@pytest.mark.parametrize(
+    ("question", "folder"), [("acceptance.ask.turns", ""), ("nothing", ""), ("nothing", "that-was-removed")]
+)
 def test_an_acceptance_whose_stop_is_not_confirmed_ends_with_4_and_says_so(
-    bench: SimulatedBus, question: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+    bench: SimulatedBus, question: str, folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
-    """After Ctrl-C the command reported "interrupted", and nothing of the stop."""
+    """After Ctrl-C the command reported "interrupted", and nothing of the stop.
+
+    A report that can't be written ended it with 2.
+    """
 
     async def stop(drive: Drive) -> Outcome:
         raise StopUnconfirmed("drives.stop_no_reply", address=1)
@@ -283,8 +290,9 @@ def test_an_acceptance_whose_stop_is_not_confirmed_ends_with_4_and_says_so(
     monkeypatch.setattr(acceptance_command, "TerminalAcceptance", leaving_person(question))
     monkeypatch.setattr(acceptance_command, "ACCEPTANCE_STEPS", ("run_and_stop", "port"))
     target = Target(port=ACCEPTANCE_LINK, model="vc660", address=1)
-    assert run(acceptance_command._run(target, motor=True, frequency_hz=5.0, folder=tmp_path)) == 4
-    assert "STOP NOT CONFIRMED" in capsys.readouterr().out
+    assert run(acceptance_command._run(target, motor=True, frequency_hz=5.0, folder=tmp_path / folder)) == 4
+    shown = capsys.readouterr()
+    assert ("STOP NOT CONFIRMED" in shown.out, folder in shown.err) == (True, True)
 
 
 def test_the_second_instance_is_not_suspended_by_ctrl_z(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -356,12 +364,26 @@ def test_a_dated_report_is_left(bench: SimulatedBus, tmp_path: Path) -> None:
     assert written.with_suffix(".md").exists()
 
 
+def test_a_report_that_can_t_be_written_is_named_before_the_checklist_and_ends_with_2_after_it(
+    bench: SimulatedBus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was named after the last step only."""
+    (tmp_path / "file").touch()
+    drive = (ACCEPTANCE_LINK, "--model", "vc660", "--address", "1", "--folder", str(tmp_path / "file" / "reports"))
+    result = CliRunner().invoke(cli, ["acceptance", *drive, "--lang", "en"])
+    assert (result.exit_code, result.stdout) == (2, "") and "Not a directory" in result.stderr
+    monkeypatch.setattr(acceptance_command, "TerminalAcceptance", AgreeingPerson)
+    monkeypatch.setattr(acceptance_command, "ACCEPTANCE_STEPS", ("parity",))
+    target = Target(port=ACCEPTANCE_LINK, model="vc660", address=1)
+    assert run(acceptance_command._run(target, motor=False, frequency_hz=5.0, folder=tmp_path / "gone")) == 2
+
+
 def test_an_acceptance_whose_output_is_lost_ends_with_the_code_of_its_findings(
     bench: SimulatedBus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It ended with 2 after its first step; the report has the findings."""
 
-    def fail(text: str, err: bool = False) -> None:
+    def fail(text: str, err: bool = False, **_: Any) -> None:
         if not err:
             raise OSError(28, "No space left on device")
 

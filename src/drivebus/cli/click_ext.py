@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import sys
 from collections.abc import Mapping, Sequence
@@ -10,16 +11,29 @@ from importlib import import_module
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from drivebus.cli import errors, output
 
 _MAX_HELP_CELLS = 100
 _MIN_HELP_CELLS = 50
+_FILE_METAVAR = re.compile(r"FILE|PLANT|DIR|FOLDER|PATH|PORT|OUT|MODEL|SOCKET")
+"""Placeholders of files: a port may be a link to a pty, a model the file of a profile."""
 LIST_METAVAR = ",..."
 """End of the placeholder of an option whose one value is a list: ``--address N,...``."""
 
 
-class Option(click.Option):
+class _FileCompletion(click.Parameter):
+    """Parameter whose value the shell completes as a file where nothing else fits and its placeholder names one."""
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        found = super().shell_complete(ctx, incomplete)
+        if found or _FILE_METAVAR.search(self.metavar or "") is None:
+            return found
+        return [CompletionItem(incomplete, type="file")]
+
+
+class Option(_FileCompletion, click.Option):
     """An option with the help text ``help.<key>``; ``example`` is a value that works."""
 
     def __init__(self, *names: Any, key: str = "", example: str = "", **rest: Any) -> None:
@@ -79,7 +93,7 @@ class Choice(click.Choice[str]):
             self.fail(output.text("cli.found_expected", found=value, expected=expected), param, ctx)
 
 
-class Argument(click.Argument):
+class Argument(_FileCompletion, click.Argument):
     """An argument with the help text ``help.<key>``."""
 
     def __init__(self, *names: Any, key: str = "", **rest: Any) -> None:
@@ -203,6 +217,8 @@ class LazyGroup(_LocalizedHelp, click.Group):
         """Run, and end the process with the exit code of the outcome."""
         arguments = list(sys.argv[1:] if args is None else args)
         _escape_unencodable()
+        if arguments[:1] == ["help"]:
+            arguments = [*arguments[1:], "--help"]
         # In a context of its own, so that ``--lang`` and ``--json`` end with the invocation.
         sys.exit(copy_context().run(self._run_to_exit_code, arguments, *rest, **named))
 
@@ -249,7 +265,9 @@ def help_option() -> click.Option:
             click.echo(ctx.get_help(), color=ctx.color)
             ctx.exit()
 
-    return Option(["--help"], is_flag=True, is_eager=True, expose_value=False, callback=show, key="help.option.help")
+    return Option(
+        ["-h", "--help"], is_flag=True, is_eager=True, expose_value=False, callback=show, key="help.option.help"
+    )
 
 
 def _help_cells() -> int:

@@ -39,7 +39,7 @@ cli = LazyGroup(
     help_key="drivebus",
     sections=SECTIONS,
     no_args_is_help=True,
-    params=[Option(["--version"], is_flag=True, is_eager=True, expose_value=False, callback=_version)],
+    params=[Option(["-V", "--version"], is_flag=True, is_eager=True, expose_value=False, callback=_version)],
     examples=(
         "drivebus demo",
         "drivebus scan /dev/ttyUSB0 --models c320,vc660",

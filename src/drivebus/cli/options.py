@@ -26,7 +26,14 @@ def _complete_models(ctx: click.Context, param: click.Parameter, incomplete: str
     return [CompletionItem(name) for name in profiles.models() if name.startswith(incomplete.lower())]
 
 
-def _complete_ports(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+def complete_model_list(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Return the lists with each model that begins as the last word of a list."""
+    before, comma, last = incomplete.rpartition(",")
+    return [CompletionItem(before + comma + str(one.value)) for one in _complete_models(ctx, param, last)]
+
+
+def complete_ports(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Return the serial ports and the schemes of the other ports that begin so."""
     from drivebus import ports
 
     found = [str(port.device) for port in ports.list_ports()]
@@ -35,12 +42,12 @@ def _complete_ports(ctx: click.Context, param: click.Parameter, incomplete: str)
 
 def port_argument() -> click.Argument:
     """Return the argument PORT."""
-    return Argument(["port"], metavar="PORT", shell_complete=_complete_ports)
+    return Argument(["port"], metavar="PORT", shell_complete=complete_ports)
 
 
 def source_argument() -> click.Argument:
     """Return the argument PORT or capture file."""
-    return Argument(["source"], metavar="PORT|FILE", shell_complete=_complete_ports)
+    return Argument(["source"], metavar="PORT|FILE", shell_complete=complete_ports)
 
 
 def serial_options() -> list[click.Parameter]:

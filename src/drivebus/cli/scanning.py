@@ -12,7 +12,7 @@ import click
 
 from drivebus.cli import options, output
 from drivebus.cli.click_ext import Option
-from drivebus.cli.errors import ExitCode, error_hint, error_text
+from drivebus.cli.errors import ExitCode, error_hint, error_json, error_text, print_error
 from drivebus.cli.output import ProgressBar, format_duration
 from drivebus.types import Json
 from drivebus.values import format_addresses
@@ -20,6 +20,7 @@ from drivebus.values import format_addresses
 if TYPE_CHECKING:
     from drivebus.commissioning.scan import DetectedDrive, ScanProgress, SniffResult
     from drivebus.commissioning.scan_plan import ScanPass
+    from drivebus.errors import DrivebusError
     from drivebus.ports import Port
     from drivebus.serial_settings import SerialSettings
 
@@ -58,7 +59,13 @@ def search_options() -> list[click.Parameter]:
     """Return ``--models``, ``--addresses``, ``--bauds`` and ``--formats``: what a scan looks for."""
     models = options.ParsedType("models", parse_models, "cli.expect.models")
     return [
-        Option(["--models"], type=models, metavar="M,...", example="--models c320,vc660"),
+        Option(
+            ["--models"],
+            type=models,
+            metavar="M,...",
+            shell_complete=options.complete_model_list,
+            example="--models c320,vc660",
+        ),
         Option(["--addresses"], type=options.ADDRESSES, metavar="N,...", example="--addresses 1-8"),
         Option(
             ["--bauds"],
@@ -221,8 +228,14 @@ def _device_params(drive: DetectedDrive) -> dict[str, Any]:
     }
 
 
-def print_scan(port: str, progress: ScanProgress, sniffed: SniffResult | None, code: ExitCode) -> ExitCode:
-    """Print the result of a scan; return ``code``."""
+def print_scan(
+    port: str,
+    progress: ScanProgress,
+    sniffed: SniffResult | None,
+    code: ExitCode,
+    error: DrivebusError | None = None,
+) -> ExitCode:
+    """Print the result of a scan, and the error that ended it; return ``code``."""
     foreign = None
     if sniffed is not None:
         foreign = {
@@ -239,6 +252,7 @@ def print_scan(port: str, progress: ScanProgress, sniffed: SniffResult | None, c
             "complete": code in (ExitCode.DONE, ExitCode.FAILED) and progress.left_s < 1e-6 and not progress.unsent,
             "unsent": progress.unsent,
             "scanned_s": round(progress.done_s, 3),
+            **({} if error is None else error_json(error) | {"exit": int(code)}),
         }
     )
     if progress.found or progress.done_s > 0:
@@ -247,6 +261,8 @@ def print_scan(port: str, progress: ScanProgress, sniffed: SniffResult | None, c
     for hint in dict.fromkeys(filter(None, (error_hint(error) for error in named if error is not None))):
         output.print_text(output.wrap_for(hint, sys.stdout))
     _note_unsent(progress)
+    if error is not None:
+        print_error(error)
     return code
 
 

@@ -92,6 +92,49 @@ def test_nothing_is_overwritten_without_force(answers: Path, tmp_path: Path) -> 
     assert config.load(path).id == "boiler-house"
 
 
+def test_a_plant_file_stays_where_the_new_one_can_t_be_written_and_that_one_is_printed(
+    answers: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a full disk the old plant was gone, and so were the answers or the scan."""
+    path = tmp_path / "plant.toml"
+    path.write_text("mine")
+
+    def fail(fd: int, data: bytes) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("drivebus.atomic_write.write_all", fail)
+    result = init("--answers", answers, "-o", path, "--force", "--lang", "en")
+    assert (result.exit_code, path.read_text()) == (2, "mine")
+    assert tomllib.loads(result.stdout)["plant"]["id"] == "boiler-house"
+    assert "No space left on device" in result.stderr and "free space" in result.stderr
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["answers.toml", "plant.toml"]
+    result = init("--answers", answers, "-o", path, "--force", "--json")
+    assert json.loads(result.stdout)["error"]["key"] == "plant_init.unwritten", "one document; the plant is beside it"
+    assert "boiler-house" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [
+        ("missing/plant.toml", "No such file or directory"),
+        ("answers.toml/plant.toml", "Not a directory"),
+        (".", "Is a directory"),
+    ],
+)
+@pytest.mark.parametrize("words", [(), ("--force",)])
+def test_a_file_that_can_t_be_written_is_named_before_the_scan(
+    answers: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, found: str, words: tuple[str, ...]
+) -> None:
+    """It was named after up to 49 minutes, and what the scan had found was gone."""
+
+    def fail(*_: Any) -> None:
+        raise AssertionError("scanned")
+
+    monkeypatch.setattr(init_command, "_scan_ports", fail)
+    result = init("sim://c320@1", "--scan", "-o", tmp_path / name, *words, "--lang", "en")
+    assert (result.exit_code, found in result.stderr) == (2, True), result.output
+
+
 def test_it_can_go_to_standard_output(answers: Path) -> None:
     result = init("--answers", answers, "-o", "-")
     assert result.exit_code == 0 and tomllib.loads(result.stdout)["plant"]["id"] == "boiler-house"
@@ -272,10 +315,24 @@ def test_a_model_that_fits_only_partly_is_written_with_its_doubt() -> None:
     assert text.count("check the nameplate") == 1 and "in doubt" in text
 
 
+def test_a_port_without_drives_or_that_can_t_be_opened_does_not_discard_those_of_another(tmp_path: Path) -> None:
+    """Up to 49 minutes of scan were lost, and nothing was written."""
+    path = tmp_path / "plant.toml"
+    missing = str(tmp_path / "ttyUSB9")
+    words = ("--scan", "--models", "vc660", "--addresses", "2", "--bauds", "9600", "--listen-seconds", "0")
+    result = init("sim://vc660@2", missing, "sim://vc660@3?name=empty", *words, "-o", path, "--lang", "en")
+    assert result.exit_code == 1, result.output
+    assert [one.port for one in config.load(path).buses] == ["sim://vc660@2"]
+    assert f"{missing}: no drive was found" in result.stderr and "does not exist" in result.stderr
+    assert "sim://vc660@3?name=empty: no drive was found, and no bus is written for it" in result.stderr
+    wrong = init("sim://vc660@2", "/dev/ttyUSB0?baud=fast", *words, "-o", path, "--force", "--lang", "en")
+    assert wrong.exit_code == 2 and "sim" not in wrong.stderr, "a wrong port URL is reported before the first scan"
+
+
 def test_a_scan_without_a_reply_writes_nothing(tmp_path: Path) -> None:
     words = ["--scan", "--models", "vc660", "--addresses", "9", "--listen-seconds", "0", "-o", tmp_path / "plant.toml"]
     result = init("sim://vc660@1?drives=1200-8N1&baud=38400&format=8N1", *words)
-    assert result.exit_code == 1 and "nothing is written" in result.output
+    assert result.exit_code == 1 and "no bus is written" in result.output
     assert not (tmp_path / "plant.toml").exists()
     assert init("--scan", "-o", tmp_path / "plant.toml").exit_code == 2
 

@@ -15,10 +15,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivebus import clock
 from drivebus.cli import connect, options, output
+from drivebus.cli.background_output import background_output
 from drivebus.cli.click_ext import CliCommand, Option
 from drivebus.cli.connect import Target
 from drivebus.cli.drive_command import pop_target, print_outcome
-from drivebus.cli.errors import ExitCode
+from drivebus.cli.errors import ExitCode, from_os_error, print_error
+from drivebus.cli.written_file import check_writable, write_file
 from drivebus.commissioning.acceptance import (
     ACCEPTANCE_STEPS,
     AcceptanceInterrupted,
@@ -102,13 +104,17 @@ async def _read_line() -> str:
 
 
 def _acceptance(motor: bool, frequency: float, folder: Path, **given: Any) -> ExitCode:
-    return asyncio.run(_run(pop_target(given), motor, frequency, folder))
+    folder.mkdir(parents=True, exist_ok=True)
+    check_writable(folder / "report", replace=True)
+    with background_output():
+        return asyncio.run(_run(pop_target(given), motor, frequency, folder))
 
 
 async def _run(target: Target, motor: bool, frequency_hz: float, folder: Path) -> ExitCode:
     from drivebus.cli.signals import shutdown_signals
 
     findings: list[StepFinding] = []
+    report_error: OSError | None = None
     with shutdown_signals(may_suspend=not motor) as shutdown:
         session = TerminalAcceptance(target, shutdown, motor=motor, frequency_hz=frequency_hz)
         try:
@@ -123,13 +129,18 @@ async def _run(target: Target, motor: bool, frequency_hz: float, folder: Path) -
                     print_outcome(interruption.stop, time.monotonic(), event="stopped", stream=True)
                 output.print_note("cli.interrupted")
         finally:
-            write_report(folder, target, findings)
+            try:
+                write_report(folder, target, findings)
+            except OSError as error:  # it must not hide a stop that is not confirmed
+                report_error = error
+                with output.continue_without_output():
+                    print_error(from_os_error(error))
     if any(isinstance(one.figures.get("error"), StopUnconfirmed) for one in findings):
         return ExitCode.UNKNOWN
     if shutdown.received:
         return ExitCode.INTERRUPTED
     failed = any(one.verdict is StepResult.FAILED for one in findings)
-    return ExitCode.FAILED if failed else ExitCode.DONE
+    return ExitCode.FAILED if failed else ExitCode.DONE if report_error is None else ExitCode.USAGE
 
 
 def _finding_text(finding: StepFinding) -> str:
@@ -183,10 +194,8 @@ def write_report(folder: Path, target: Target, findings: list[StepFinding]) -> N
         + "\n".join(f"- {_finding_text(one)}" for one in findings)
         + "\n"
     )
-    folder.mkdir(parents=True, exist_ok=True)
     for suffix, content in ((".json", json.dumps(document, indent=1, ensure_ascii=False) + "\n"), (".md", text)):
-        with path.with_suffix(suffix).open("x", encoding="utf-8") as file:
-            file.write(content)
+        write_file(path.with_suffix(suffix), content.encode(), replace=False)
     with output.continue_without_output():
         output.print_message("acceptance.written", path=path.with_suffix(".md"))
 

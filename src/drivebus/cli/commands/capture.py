@@ -10,6 +10,7 @@ import click
 
 from drivebus.cli import options, output
 from drivebus.cli.click_ext import Argument, CliCommand, LazyGroup, Option
+from drivebus.cli.written_file import write_file
 
 if TYPE_CHECKING:
     from drivebus.capture.dbcap import Capture
@@ -56,26 +57,12 @@ def _write(out: Path, data: bytes, force: bool) -> None:
     from drivebus.capture.dbcap import CaptureError
     from drivebus.errors import SystemReason
 
-    part = out.with_name(f"{out.name}.part") if force else out
     try:
-        with part.open("xb") as file:
-            _write_or_delete(file, part, data)
-        if force:
-            part.replace(out)
+        write_file(out, data, replace=force)
     except FileExistsError as error:
-        raise CaptureError("capture.export.exists", file=str(part)) from error
+        raise CaptureError("capture.export.exists", file=str(out)) from error
     except OSError as error:
         raise CaptureError("capture.export.write", file=str(out), reason=SystemReason(error)) from error
-
-
-def _write_or_delete(file: Any, path: Path, data: bytes) -> None:
-    """Write the file; delete it if it is incomplete."""
-    try:
-        file.write(data)
-        file.flush()
-    except OSError:
-        path.unlink()
-        raise
 
 
 def _pcapng(text: str) -> str:

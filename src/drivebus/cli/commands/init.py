@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from drivebus.cli import output
+from drivebus.cli import options, output
 from drivebus.cli.click_ext import Argument, CliCommand, Option
-from drivebus.cli.errors import ExitCode
+from drivebus.cli.errors import ExitCode, print_error
 from drivebus.cli.prompts import confirm, prompt, prompt_text
 from drivebus.cli.scanning import (
     ScanRequest,
@@ -21,6 +22,7 @@ from drivebus.cli.scanning import (
     search_options,
     select_alike,
 )
+from drivebus.cli.written_file import check_writable, write_or_print
 from drivebus.values import parse_addresses
 
 if TYPE_CHECKING:
@@ -40,21 +42,27 @@ def _init(
     file: str,
     force: bool,
 ) -> ExitCode:
-    """Return 1 if a scan finds no drive. Raises ConfigurationError if the file exists or the answers are invalid."""
+    """Return 1 where a port has no drive. Raises ConfigurationError if the file exists or the answers are invalid."""
     from drivebus.service.config.load import loads
     from drivebus.service.config.wizard import PlantAnswers, plant_toml, read_answers
 
-    _require_new_file(file, force)
+    if file != "-":
+        with _file_errors(file):
+            check_writable(file, replace=force)
     if scan:
         requests = [
             ScanRequest(port=port, models=models, addresses=addresses, bauds=bauds, formats=formats) for port in ports
         ]
-        scanned = asyncio.run(_scan_ports(requests, listen_seconds))
-        if isinstance(scanned, ExitCode):
-            return scanned
+        scanned, code = asyncio.run(_scan_ports(requests, listen_seconds))
+        if code is ExitCode.INTERRUPTED:
+            return code
+        if not scanned:
+            output.print_json({"file": None, "plant": None, "drives": [], "undecided": []})
+            return code
         buses = tuple(_bus_answer(port, drives, models or ()) for port, drives in scanned)
         found = PlantAnswers(output.text("plant_init.default_title"), buses)
     else:
+        code = ExitCode.DONE
         found = read_answers(answers) if answers is not None else _ask_answers(ports)
     text = plant_toml(found, output.language())
     config = loads(text, file, Path(file).resolve().parent)
@@ -67,30 +75,29 @@ def _init(
     ]
     output.print_json(
         {"file": file, "plant": config.id, "drives": [drive.id for drive in config.drives], "undecided": undecided}
+        | ({"toml": text} if file == "-" else {})
     )
     if file != "-":
         output.print_message("plant_init.written", file=file, drives=len(config.drives), buses=len(config.buses))
-    return ExitCode.DONE
-
-
-def _require_new_file(file: str, force: bool) -> None:
-    """Raise ConfigurationError if the file exists, before any question is asked."""
-    from drivebus.errors import ConfigurationError
-
-    if file != "-" and not force and Path(file).exists():
-        raise ConfigurationError("plant_init.exists", file=file)
+    return code
 
 
 def _write(file: str, text: str, force: bool) -> None:
     """Write the file. Raises ConfigurationError if it exists by now, or can't be written."""
-    from drivebus.errors import ConfigurationError, SystemReason
-
     if file == "-":
         output.print_text(text.rstrip("\n"))
         return
+    with _file_errors(file):
+        write_or_print(file, text, replace=force)
+
+
+@contextmanager
+def _file_errors(file: str) -> Iterator[None]:
+    """Raise ConfigurationError for a file that exists or can't be written."""
+    from drivebus.errors import ConfigurationError, SystemReason
+
     try:
-        with Path(file).open("w" if force else "x", encoding="utf-8") as stream:
-            stream.write(text)
+        yield
     except FileExistsError:
         raise ConfigurationError("plant_init.exists", file=file) from None
     except OSError as error:
@@ -100,24 +107,38 @@ def _write(file: str, text: str, force: bool) -> None:
 # --- a scan -------------------------------------------------------------------------------------------------------
 
 
-async def _scan_ports(requests: list[ScanRequest], listen_s: float) -> list[tuple[str, list[DetectedDrive]]] | ExitCode:
-    """Scan each port; return it with its drives. Raises ConfigurationError without a port."""
+async def _scan_ports(
+    requests: list[ScanRequest], listen_s: float
+) -> tuple[list[tuple[str, list[DetectedDrive]]], ExitCode]:
+    """Scan each port; return those that have drives, and the exit code.
+
+    A port that has none or fails does not discard what was found on another. Raises ConfigurationError without a port,
+    and the error of a single port.
+    """
     from drivebus.cli.signals import shutdown_signals
-    from drivebus.errors import ConfigurationError
+    from drivebus.errors import ConfigurationError, DrivebusError
 
     if not requests:
         raise ConfigurationError("plant_init.no_port")
+    for request in requests:
+        request.plan()  # a wrong port URL or model is reported before the first scan
     scanned: list[tuple[str, list[DetectedDrive]]] = []
     with shutdown_signals() as shutdown:
         for request in requests:
-            found = await shutdown.interruptible(search(request, listen_s))
+            found = None
+            try:
+                found = await shutdown.interruptible(search(request, listen_s))
+            except DrivebusError as error:
+                if len(requests) == 1:
+                    raise
+                print_error(error)
             if shutdown.received:
-                return ExitCode.INTERRUPTED
-            if not found:
+                return scanned, ExitCode.INTERRUPTED
+            if found:
+                scanned.append((request.port, found))
+            else:
                 output.print_note("plant_init.no_drive", port=request.port)
-                return ExitCode.FAILED
-            scanned.append((request.port, found))
-    return scanned
+    return scanned, ExitCode.DONE if len(scanned) == len(requests) else ExitCode.FAILED
 
 
 def _bus_answer(port: str, found: list[DetectedDrive], named: tuple[str, ...]) -> BusAnswer:
@@ -234,7 +255,13 @@ command = CliCommand(
     "init",
     callback=_init,
     params=[
-        Argument(["ports"], metavar="[PORT]...", nargs=-1, key="help.argument.init_ports"),
+        Argument(
+            ["ports"],
+            metavar="[PORT]...",
+            nargs=-1,
+            key="help.argument.init_ports",
+            shell_complete=options.complete_ports,
+        ),
         Option(["--scan"], is_flag=True, key="help.option.init_scan"),
         Option(["--answers"], metavar="FILE", key="help.option.answers", example="--answers answers.toml"),
         *search_options(),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +13,7 @@ from drivebus.cli import output
 from drivebus.cli.click_ext import Argument, CliCommand, Option
 from drivebus.cli.errors import ExitCode, print_error
 from drivebus.cli.prompts import prompt_text
+from drivebus.cli.written_file import check_writable, write_or_print
 from drivebus.values import half_width
 
 if TYPE_CHECKING:
@@ -25,11 +28,11 @@ def _new(file: str, table: str | None, answers_file: str | None, force: bool) ->
     """Return 2 if the file is not valid yet, 1 if the trial fails. Raises ConfigurationError, ProfileError."""
     from drivebus import profiles
     from drivebus.commissioning.new_profile import file_text, register_table
-    from drivebus.errors import ConfigurationError, ProfileError
+    from drivebus.errors import ProfileError
     from drivebus.testing import virtual_time
 
-    if not force and Path(file).exists():
-        raise ConfigurationError("profile_new.exists", file=file)
+    with _file_errors(file):
+        check_writable(file, replace=force)
     answers = _read_answers(answers_file) if answers_file is not None else {}
     try:
         _ask_all(answers)
@@ -153,11 +156,17 @@ def _save_unfinished(answers: dict[str, str], file: str) -> ExitCode:
 
 def _write(file: str, text: str, force: bool) -> None:
     """Write the file. Raises ConfigurationError if it exists by now, or can't be written."""
+    with _file_errors(file):
+        write_or_print(file, text, replace=force)
+
+
+@contextmanager
+def _file_errors(file: str) -> Iterator[None]:
+    """Raise ConfigurationError for a file that exists or can't be written."""
     from drivebus.errors import ConfigurationError, SystemReason
 
     try:
-        with Path(file).open("w" if force else "x", encoding="utf-8") as stream:
-            stream.write(text)
+        yield
     except FileExistsError:
         raise ConfigurationError("profile_new.exists", file=file) from None
     except OSError as error:

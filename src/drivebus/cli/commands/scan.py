@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from drivebus.cli import options, output
 from drivebus.cli.click_ext import CliCommand, Option
 from drivebus.cli.connect import record_ports
-from drivebus.cli.errors import ExitCode
+from drivebus.cli.errors import ExitCode, exit_code_of
 from drivebus.cli.scanning import (
     ScanProgressBar,
     ScanRequest,
@@ -75,9 +75,8 @@ async def _run(
             with ScanProgressBar() as bar:
                 search = scan.scan(passes, open_port, progress, bar.on_progress, keep_going=everything)
                 await shutdown.interruptible(search)
-        except DrivebusError:
-            print_scan(request.port, progress, sniffed, ExitCode.FAILED)
-            raise
+        except DrivebusError as error:
+            return print_scan(request.port, progress, sniffed, exit_code_of(error), error)
     if shutdown.received:
         output.print_note("scan.aborted")
     answered = any(drive.valid_reply for drive in progress.found)

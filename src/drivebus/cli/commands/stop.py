@@ -464,7 +464,13 @@ command = StopCommand(
     "stop",
     callback=_stop,
     params=[
-        Argument(["target"], metavar="PORT|PLANT.toml", required=False, key="help.argument.stop_target"),
+        Argument(
+            ["target"],
+            metavar="PORT|PLANT.toml",
+            required=False,
+            key="help.argument.stop_target",
+            shell_complete=options.complete_ports,
+        ),
         options.model_option(required=False),
         Option(
             ["--address", "addresses"],

@@ -1,0 +1,41 @@
+"""A scan that ends early: its JSON stays one document, and what it found is not lost."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from drivebus.cli.main import cli
+from drivebus.commissioning import scan
+from drivebus.errors import PortLost
+from drivebus.simulator.port import clear_simulated_buses
+
+WORDS = ("scan", "sim://vc660@3", "--models", "vc660", "--addresses", "3", "--listen-seconds", "0", "--lang", "en")
+
+
+@pytest.fixture(autouse=True)
+def adapter_that_is_pulled(monkeypatch: pytest.MonkeyPatch) -> None:
+    clear_simulated_buses()
+    find = scan.scan
+
+    async def find_and_lose_the_port(*given: Any, **options: Any) -> None:
+        await find(*given, **options)
+        raise PortLost("ports.lost", port="/dev/ttyUSB0", reason="Input/output error")
+
+    monkeypatch.setattr(scan, "scan", find_and_lose_the_port)
+
+
+def test_the_json_of_a_scan_whose_port_is_lost_is_one_document_with_what_was_found() -> None:
+    """It was followed by the document of the error."""
+    found = CliRunner().invoke(cli, [*WORDS, "--json"])
+    document = json.loads(found.stdout)
+    assert [drive["address"] for drive in document["found"]] == [3]
+    assert (document["error"]["key"], document["exit"], found.exit_code) == ("ports.lost", 1, 1)
+
+
+def test_a_scan_whose_port_is_lost_prints_what_was_found_and_the_error() -> None:
+    found = CliRunner().invoke(cli, WORDS)
+    assert "vc660" in found.stdout and "/dev/ttyUSB0" in found.stderr and found.exit_code == 1
