@@ -173,6 +173,30 @@ WRONG_MARKS = """async () => {
 }"""
 
 
+STRIP = """<section class="strip"><div class="banner alarm critical"><span class="priority critical">
+  <svg class="icon" width="18" height="18"></svg></span><a><b>TITLE</b> · and the drives</a>
+  <a class="more">and 414 more</a><button class="button">Acknowledge all 17</button></div></section>"""
+WHOLE = """html => {
+  document.body.innerHTML = html;
+  const [strip, title, more] = ['.strip', 'b', '.more'].map((one) => document.querySelector(one));
+  const { bottom } = strip.getBoundingClientRect();
+  const link = title.parentElement;
+  const lines = Math.round(title.getBoundingClientRect().height / parseFloat(getComputedStyle(link).lineHeight));
+  const fits = more.scrollHeight <= more.clientHeight + 1;
+  return [lines <= 2, fits, document.querySelector('button').getBoundingClientRect().bottom <= bottom];
+}"""
+
+
+def test_on_a_phone_the_strip_shows_the_whole_title_of_many_alarms(scripts: Any) -> None:
+    """Regression: the button of a group took half of the strip, and "Stop not confirmed" was "Stop not confir…"."""
+    page = scripts.context.new_page()
+    page.set_viewport_size({"width": 360, "height": 740})
+    page.goto(scripts.url)
+    title = i18n.text("alarms.title.stop_unconfirmed", "en")
+    assert page.evaluate(WHOLE, STRIP.replace("TITLE", title)) == [True, True, True]
+    page.close()
+
+
 MOVED_TEXTS = """async () => {
   const { html, render } = await import('/static/js/lib.js');
   const box = document.body.appendChild(document.createElement('div'));

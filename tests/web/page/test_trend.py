@@ -39,6 +39,15 @@ def test_gaps_and_bad_values_are_not_drawn(scripts: Any) -> None:
     assert found["low"][5] is None and found["high"][5] is None
 
 
+def test_a_chart_is_loaded_where_the_browser_names_no_valid_language(scripts: Any) -> None:
+    """Regression: WebKit on a machine with the locale "C" showed neither the history nor the trend of a drive."""
+    page = scripts.context.new_page()
+    page.add_init_script("Object.defineProperty(navigator, 'language', { value: 'C', configurable: true })")
+    page.goto(scripts.url)
+    assert module(page, "chart", "typeof m.Chart") == "function"
+    page.close()
+
+
 def test_the_first_label_of_an_empty_chart_is_not_cut_off(scripts: Any) -> None:
     """Without values there is no value axis beside it, so half of the label would lie outside."""
     call = """(() => {

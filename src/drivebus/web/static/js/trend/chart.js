@@ -1,6 +1,7 @@
 // One uPlot on the page: lines with their band from lowest to highest, a dashed line where a value is uncertain,
 // nothing where it is not known, and the strips and markers of draw-events.js.
 
+import "./navigator-language.js"; // before uPlot
 import uPlot from "../../../vendor/uplot.js";
 import { drawBands } from "./draw-bands.js";
 import { COLUMNS, indexAt } from "./columns.js";
