@@ -10,7 +10,7 @@ import pytest
 from drivebus import profiles
 from drivebus.bus.core import BusCore
 from drivebus.bus.messages import BusRequest
-from drivebus.bus.unsolicited import MAX_FOREIGN_REPLY_WAIT_S
+from drivebus.bus.unsolicited import MAX_FOREIGN_REPLY_WAIT_S, MAX_FRAGMENT_PAUSE_S
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.protocols import modbus
@@ -197,3 +197,49 @@ def test_the_wait_for_another_masters_reply_holds_in_every_family(model: str) ->
     assert not script.sent
     script.submit(BusRequest(station=1, request=dialect.stop(StopMode.STOP)[0]), "stop")
     assert len(script.sent) == 1 and core.stations[1].state.is_suspect
+
+
+@pytest.mark.parametrize("has_line_timing", [True, False])
+@pytest.mark.parametrize("pause_s", [0.005, 0.01, 0.016, 0.03])
+def test_the_reply_to_a_request_that_the_adapter_delivers_in_two_pieces_is_not_the_reply_to_ours(
+    pause_s: float, has_line_timing: bool
+) -> None:
+    """The bus seemed silent between the pieces: our read left then, and its values were those of register 100H."""
+    for first in range(1, 8):
+        for asked_s in (0.0, 0.004, 0.006):
+            station = NumberedStation()
+            script = online(station, has_line_timing=has_line_timing)
+            frame = CODEC.encode_request(FOREIGN_READ)
+            ended_at = script.now + len(frame) * CHARACTER_S
+            reply = station.reply_to(frame, ended_at)
+            assert reply is not None
+            station.busy_until = ended_at + FOREIGN_REPLY_S + len(reply) * CHARACTER_S
+            script.receive(frame[:first], at=ended_at)
+            script.receive(frame[first:], at=ended_at + pause_s)
+            script.receive(reply, at=max(station.busy_until, ended_at + pause_s + CHARACTER_S))
+            script.run_until(ended_at + asked_s)
+            script.submit(read_request(count=2), "ours")
+            result = script.result("ours")
+            assert result.error is not None or result.reply.values == (0x3000, 0x3001)
+
+
+def test_a_request_in_two_pieces_is_counted_as_one_of_another_master() -> None:
+    station = NumberedStation()
+    script = online(station)
+    frame = CODEC.encode_request(FOREIGN_READ)
+    for _ in range(2):
+        script.receive(frame[:3], at=script.now + 0.1)
+        script.receive(frame[3:], at=script.now + 0.116)
+        script.run_until(script.now + 1.0)
+    assert script.core.health(1, script.now).foreign_master
+
+
+def test_two_pieces_that_come_far_apart_are_no_request() -> None:
+    station = NumberedStation()
+    script = online(station)
+    frame = CODEC.encode_request(FOREIGN_READ)
+    for _ in range(2):
+        script.receive(frame[:3], at=script.now + 0.1)
+        script.receive(frame[3:], at=script.now + 0.1 + 2 * MAX_FRAGMENT_PAUSE_S)
+        script.run_until(script.now + 1.0)
+    assert not script.core.health(1, script.now).foreign_master

@@ -18,7 +18,7 @@ from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.bus.scheduler import PollSchedule, Scheduler
 from drivebus.bus.station import ProbeBudget, Station
 from drivebus.bus.transaction import Transaction
-from drivebus.bus.unsolicited import UnsolicitedBytes
+from drivebus.bus.unsolicited import MAX_FRAGMENT_PAUSE_S, UnsolicitedBytes
 
 SHARED_ATTRIBUTES = frozenset(
     {
@@ -168,6 +168,8 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
         "_foreign_request_times": "many",
         "foreign_request": "foreign request",
         "last_byte_at": "",
+        "_fragment": "fragment",
+        "_fragment_at": "",
     },
     SilenceTimeout: {"_started_at": "", "_settings": ""},
     PollSchedule: {"heap": "", "_count": "", "_phase_count": "", "suspended": ""},
@@ -266,6 +268,7 @@ _RULES: dict[str, Callable[[Any, Any, float, float], Any] | None] = {
     "foreign request": lambda one, thing, now, far_s: (
         one and (one.address, time_until(one.reply_until, one, now, far_s))
     ),
+    "fragment": lambda data, thing, now, _: data if now - thing._fragment_at <= MAX_FRAGMENT_PAUSE_S else b"",
     "there": lambda one, thing, now, _: one is not None,
     "many": lambda ones, thing, now, _: len(ones),
     "attempts": lambda attempts, prepared, now, _: attempts if prepared.priority is not RequestPriority.STOP else None,

@@ -48,7 +48,8 @@ Why no late reply can be credited to another request:
 9. A suspect station gets only stops, whose replies are not accepted, until its quarantine has passed: the maximum
    reply lateness of its model (``[timing]`` of the profile).
 10. The reply to another master's request could pass for one to ours. While it is due, only stops are sent. One that
-   does not come, or that a stop does not wait for, makes its station suspect (``_end_foreign_request``).
+   does not come, or that a stop does not wait for, makes its station suspect (``_end_foreign_request``), and so does a
+   request whose last bytes came while we sent, because the adapter delivered it in two pieces.
 11. The reply to its sync probe must not match any unanswered request of the last ``ANY_REPLY_LATENESS_S``
     (``_matches_older_request``). A station replies in order, so no older reply is on its way then.
 """
@@ -519,6 +520,7 @@ class BusCore:
         self._record_bus_time(transaction, now)
         if transaction.bytes_before_tx_end or transaction.foreign_frames:
             self._record_extra_bytes(transaction, now)
+            self._detect_overlapping_request(transaction, now)
         prepared = transaction.prepared
         station = prepared.station
         station.last_request_answered = transaction.received_count >= prepared.reply_bytes
@@ -764,8 +766,8 @@ class BusCore:
 
     def _classify_unsolicited(self, now: float) -> None:
         """Classify and count the bytes received outside a transaction, the bus being silent."""
-        data = self.unsolicited.drain()
         received_at = self.unsolicited.last_byte_at
+        data = self._join_split_request(self.unsolicited.drain(), received_at)
         foreign = self.unsolicited.foreign_request
         if foreign is not None and received_at > foreign.reply_until:
             self._end_foreign_request(now)
@@ -777,9 +779,19 @@ class BusCore:
                 self._record_foreign_request(data, received_at, now)
             elif frame.kind is TraceKind.FOREIGN:
                 self.unsolicited.foreign_request = None
+            elif frame.kind is TraceKind.UNSOLICITED:
+                self.unsolicited.keep_fragment(data, received_at)
             self.echo.record_repeat(data[: frame.size])
             self._record_unsolicited(frame, data[: frame.size], received_at, now)
             data = data[frame.size :]
+
+    def _join_split_request(self, data: bytes, received_at: float) -> bytes:
+        """Return the bytes, with those before them where only both together are a request of another master."""
+        joined = self.unsolicited.join_fragment(data, received_at)
+        stations = self.stations.values()
+        if not joined or classify(data, stations, False).kind is not TraceKind.UNSOLICITED:
+            return data
+        return joined if classify(joined, stations, False).kind is TraceKind.FOREIGN_REQUEST else data
 
     def _record_foreign_request(self, data: bytes, received_at: float, now: float) -> None:
         """Record the request of another master at the start of ``data``, whose reply is due from now on."""
@@ -826,6 +838,9 @@ class BusCore:
         if not data or data == prepared.data:
             return
         request = decode_request_prefix(prepared.codec, data)
+        if request is None:
+            data = self.unsolicited.join_fragment(data, transaction.sent_at)
+            request = decode_request_prefix(prepared.codec, data)
         if request is None or data[: request.size] == prepared.data:
             return
         if prepared.station.decode_reply_to(prepared.request, data) is not None:
@@ -843,6 +858,17 @@ class BusCore:
         self._record_unsolicited(
             UnsolicitedFrame(kind, station, request.message, request.size), frame, received_at, now
         )
+
+    def _detect_overlapping_request(self, transaction: Transaction, now: float) -> None:
+        """Count a request of another master whose end was received while we sent: the reply may be that to it."""
+        data = self.unsolicited.join_fragment(transaction.bytes_before_tx_end, transaction.sent_at)
+        request = decode_request_prefix(transaction.prepared.codec, data)
+        if request is not None:
+            self._record_foreign_request(data, transaction.sent_at, now)
+            self._end_foreign_request(now)
+            kind = TraceKind.FOREIGN_REQUEST
+            frame = UnsolicitedFrame(kind, None, request.message, request.size)
+            self._record_unsolicited(frame, data[: request.size], transaction.sent_at, now)
 
     def _record_unsolicited(self, frame: UnsolicitedFrame, data: bytes, received_at: float, now: float) -> None:
         """Count an unsolicited frame; a second or a foreign reply makes its station suspect."""

@@ -17,6 +17,9 @@ from drivebus.serial_settings import SerialSettings
 MAX_UNSOLICITED_BYTES = 512  # buffered until the bus is silent; the longest frame, of Modbus ASCII, has one more
 FOREIGN_REQUESTS_REQUIRED = 2  # one may be a corrupted frame, two make a second master
 FOREIGN_MASTER_WINDOW_S = 60.0  # a minute without a foreign request ends the foreign master
+MAX_FRAGMENT_PAUSE_S = (
+    0.05  # an adapter may deliver one frame in two pieces: FTDI 16 ms apart, a TCP server up to 50 ms
+)
 MAX_FOREIGN_REPLY_WAIT_S = 0.5  # longest wait for the reply to a foreign request; half the time to wait for silence
 
 
@@ -32,7 +35,7 @@ class ForeignRequest(NamedTuple):
 class UnsolicitedBytes:
     """Buffer of unsolicited bytes, and the times of foreign requests."""
 
-    __slots__ = ("_foreign_request_times", "buffer", "foreign_request", "last_byte_at")
+    __slots__ = ("_foreign_request_times", "_fragment", "_fragment_at", "buffer", "foreign_request", "last_byte_at")
 
     def __init__(self) -> None:
         self.buffer = bytearray()
@@ -40,6 +43,9 @@ class UnsolicitedBytes:
         self.foreign_request: ForeignRequest | None = None
         """The foreign request whose reply is due."""
         self._foreign_request_times: list[float] = []
+        self._fragment = b""
+        """Last bytes that were no frame; what follows soon may complete them."""
+        self._fragment_at = 0.0
 
     def add(self, data: bytes, now: float) -> None:
         """Add bytes; those beyond the limit are dropped."""
@@ -52,6 +58,15 @@ class UnsolicitedBytes:
         data = bytes(self.buffer)
         self.buffer.clear()
         return data
+
+    def keep_fragment(self, data: bytes, received_at: float) -> None:
+        """Keep bytes that are no frame, and may be the beginning of one."""
+        self._fragment, self._fragment_at = data, received_at
+
+    def join_fragment(self, data: bytes, now: float) -> bytes:
+        """Return the bytes with the fragment before them, empty where none came shortly before."""
+        recent = self._fragment and now - self._fragment_at <= MAX_FRAGMENT_PAUSE_S
+        return self._fragment + data if recent else b""
 
     def record_foreign_request(self, now: float) -> None:
         """Record a request of another master."""
