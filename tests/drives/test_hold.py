@@ -769,3 +769,35 @@ def test_a_ramp_hold_whose_end_the_bus_forbids_is_ended_by_a_stop() -> None:
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.ramp_hold_unknown")
     words = [one.value for one in bus.sent(modbus.WriteRegister)]
     assert words[0] == 0x0100 and words[1] & 0x0002
+
+
+@pytest.mark.parametrize(("later_hz", "key"), [(2500, "drives.ramp_held"), (5000, "drives.ramp_not_held")])
+def test_a_ramp_hold_during_which_the_frequency_changes_is_not_called_held(later_hz: int, key: str) -> None:
+    """The drive lost its power for a moment, and with it the hold, and runs again by itself at another frequency."""
+    bus = held_bus(FakeModbus(registers={STATUS: 0x0009, 0x0001: 4, 0x3002: 2500}))
+
+    def reboots(ask: Any) -> None:
+        bus.station.registers[0x3002] = later_hz if bus.now > 2.0 else 2500
+
+    bus.on_request = reboots
+    op = operation_for(bus.dialect)
+    outcome = bus.run(hold_ramp(op, 5.0))
+    assert outcome.key == key and outcome.succeeded is (later_hz == 2500)
+    assert words(bus) == [0x0100, 0x0000] and not op.may_be_running
+    if later_hz == 5000:
+        assert "from 25.0 Hz to 50.0 Hz" in outcome.text("en")
+
+
+def test_a_ramp_hold_of_a_host_that_was_held_up_says_how_long_it_lasted() -> None:
+    bus = held_bus(FakeModbus(registers={STATUS: 0x0009, 0x0001: 4, 0x3002: 2500}))
+    asleep = [600.0]
+
+    def sleeps(ask: Any) -> None:
+        if words(bus) and bus.now > 1.0 and asleep:
+            bus.pass_time(asleep.pop())
+
+    bus.on_request = sleeps
+    outcome = bus.run(hold_ramp(operation_for(bus.dialect), 5.0))
+    assert outcome.key == "drives.ramp_held" and words(bus) == [0x0100, 0x0000]
+    [(key, params)] = outcome.notes
+    assert key == "drives.ramp_held_for" and params["held_s"] > 600.0

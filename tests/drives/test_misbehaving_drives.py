@@ -123,6 +123,29 @@ def test_a_calibration_run_whose_replies_are_lost_ends_with_a_stop_and_says_how_
     run_virtual(scenario())
 
 
+@pytest.mark.parametrize("keypad_hz", [0.0, 0.5, 5.0])
+def test_a_calibration_during_which_the_drive_loses_its_power_for_a_moment_determines_nothing(keypad_hz: float) -> None:
+    """It runs again by itself at its keypad's frequency. That passed for another coding: later ten times too fast."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives("dzb100") as bench:
+            drive, task = await calibrating(bench)
+            await asyncio.sleep(1.5)
+            station = bench.station()
+            assert station.motor.energised
+            station.power_cycle(0.6)
+            if keypad_hz:
+                station.keypad_run(keypad_hz)
+            with pytest.raises(TargetNotReached) as caught:
+                await task
+            assert caught.value.key == "drives.calibration_run_failed"
+            await asyncio.sleep(10.0)
+            assert not station.motor.energised and not drive.stop_pending
+            assert [step.name for step in drive.open_calibrations()] == ["setpoint_coding"]
+
+    run_virtual(scenario())
+
+
 @pytest.mark.parametrize("patience_s", [0.0005, 0.02, 0.2])
 @pytest.mark.parametrize("model", MODELS)
 def test_a_stop_whose_caller_gave_up_waiting_goes_on(model: str, patience_s: float) -> None:

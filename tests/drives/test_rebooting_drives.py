@@ -11,8 +11,8 @@ from drivebus.drives.operations.context import VERIFICATION_ROUNDS
 from drivebus.drives.operations.start import run
 from drivebus.drives.operations.stop import stop
 from drivebus.drives.outcome import Outcome, OutcomeStatus
-from drivebus.protocols import modbus
-from fixtures.drives import FakeModbus, PureBus, dialect_for, operation_for
+from drivebus.protocols import modbus, sunfar
+from fixtures.drives import FakeC320, FakeModbus, PureBus, dialect_for, operation_for
 
 STOPPED, RUNNING = 0x0001, 0x0009
 KEYPAD_HZ_WORD = 5000
@@ -109,3 +109,26 @@ def test_a_stop_goes_on_where_the_drive_runs_by_itself_after_it(answers: bool) -
     bus.station.registers[0x3000] = RUNNING
     outcome = bus.run(stop(operation_for(bus.dialect)))
     assert outcome.status is OutcomeStatus.CONFIRMED and len(stops) >= 3
+
+
+@pytest.mark.parametrize("reboots", [True, False])
+def test_a_c320_that_gave_no_reply_after_its_start_may_run_at_another_frequency_and_the_outcome_says_so(
+    reboots: bool,
+) -> None:
+    """It shows no set frequency: "run on power-up" after a power dip looks like the start."""
+
+    def starts(fake: FakeC320, request: sunfar.SunfarControl) -> sunfar.SunfarReply:
+        fake.state = sunfar.SunfarState.RUNNING_FORWARD
+        fake.silent = reboots
+        return fake.ok()
+
+    fake = FakeC320(on_command=starts)
+    bus = PureBus(dialect=dialect_for("c320"), station=fake)
+
+    def back_again(ask: BusRequest) -> None:
+        fake.silent = fake.silent and bus.now < 1.0
+
+    bus.on_request = back_again
+    outcome = bus.run(run(operation_for(bus.dialect), 20.0, None))
+    assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.start_confirmed")
+    assert [key for key, _ in outcome.notes] == (["drives.start_interrupted"] if reboots else [])

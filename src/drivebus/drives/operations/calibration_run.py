@@ -15,14 +15,16 @@ from drivebus.drives.operations.start import confirm_start, send_frames
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.operations.stop import stop
 from drivebus.drives.outcome import Outcome, OutcomeStatus
-from drivebus.drives.permissives import CommandKind, state_inhibit
+from drivebus.drives.permissives import CommandKind, DriveCommand, state_inhibit
 from drivebus.drives.state import Direction, DriveState
 from drivebus.errors import BusError, LimitError, ProtocolError, TargetNotReached
+from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.values import Text
 
 T = TypeVar("T")
 
 CALIBRATION_RUN_S = 3.0  # time to reach 5 Hz and to observe the motor
+RUN_POLL_INTERVAL_S = 0.1  # pause between two verified states meanwhile
 
 
 def run_at_word(
@@ -53,17 +55,22 @@ def run_at_word(
     conditions = yield from op.check_deadline()
     command = op.create_command(CommandKind.START, conditions)
     frames = op.dialect.start(direction, word)
+    lost_before = op.lost_replies
     result = yield from send_frames(op, command, frames)
     if not result.sent and result.error is not None:
         raise result.error
     started = yield from confirm_start(op, command, frames, direction, result.error is None)
     measured: T | None = None
     began = Text.per_language(started.text)
+    interrupted = None
     if started.status is OutcomeStatus.CONFIRMED:
-        yield from wait(CALIBRATION_RUN_S)
-        yield from op.check_not_superseded(command)
+        interrupted = yield from _keep_running(op, command)
+        began = interrupted or began
+    if started.status is OutcomeStatus.CONFIRMED and interrupted is None:
         try:
             measured = yield from measure()
+            if op.lost_replies > lost_before:
+                measured, began = None, bilingual_text("drives.start_interrupted")
         except (BusError, ProtocolError, TargetNotReached) as unread:  # the motor turns: the stop comes first
             began = Text.per_language(unread.text)
     stopped = yield from stop(op, StopMode.STOP)
@@ -71,6 +78,24 @@ def run_at_word(
     if measured is None or stopped.status is not OutcomeStatus.CONFIRMED:
         raise _failure(word, began, stopped)
     return measured
+
+
+def _keep_running(op: OperationContext, command: DriveCommand) -> DriveOperation[Text | None]:
+    """Let the motor reach its frequency, and return why its run is not that of the start, None where it is.
+
+    It is read all the time, so that a missing reply shows: a drive that was without power for a moment may run again by
+    itself, at the frequency of its keypad, which would pass for another scale. Raises Superseded.
+    """
+    ends_at = (yield from get_bus_conditions()).now + CALIBRATION_RUN_S
+    while (now := (yield from op.check_not_superseded(command))) < ends_at:
+        if op.dialect.reports_run_state:
+            error = yield from op.read_verified_state(allowed_failures=0)
+            if error is not None:
+                return Text.per_language(error.text)
+            if op.derived.state.output_off:
+                return bilingual_text("drives.started_and_stopped", state=op.derived.state)
+        yield from wait(min(RUN_POLL_INTERVAL_S, ends_at - now))
+    return None
 
 
 def _write_word(op: OperationContext, word: int, direction: Direction | None) -> DriveOperation[None]:

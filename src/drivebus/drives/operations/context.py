@@ -110,6 +110,7 @@ class OperationContext:
         self.stop_awaits_model = False  # the read of the model, which goes before the first stop, has not ended yet
         self.has_sent_preparation = False  # the unlock and the words before every start
         self.waits_in_quarantine = True  # False: reads fail where a quarantine of 5 s would delay them
+        self.lost_replies = 0  # frames without a valid reply, also where the bus has sent them again and got one
         self.stops_sent = 0  # stops that were given to the port
         self.port_error: PortLost | None = None  # of the last transaction, where it failed because of the port
         self.port_loss: PortLost | None = None  # of any transaction: it supersedes a command as a stop does
@@ -176,6 +177,7 @@ class OperationContext:
             self.dialect.on_sent(request)
             if result.reply is not None and self._rejection(result) is None:
                 self.dialect.on_accepted(request)
+            self.lost_replies += result.attempts - (result.error is None)
             self._exchanges.add(result, retry_policy)
             self.age.add(result)
         return result

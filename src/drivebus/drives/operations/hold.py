@@ -6,11 +6,13 @@ operation that begins it ends it too.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from drivebus.drives.context import DriveContext
 from drivebus.drives.dialects.base import Hold
-from drivebus.drives.operations.context import CommandAge, OperationContext
+from drivebus.drives.operations.context import CommandAge, OperationContext, with_note
 from drivebus.drives.operations.preflight import ensure_preflight
-from drivebus.drives.operations.start import COMMAND_SETTLE_S, START_CONFIRM_TIMEOUT_S
+from drivebus.drives.operations.start import COMMAND_SETTLE_S, START_CONFIRM_TIMEOUT_S, speed_tolerance_hz
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.operations.stop import stop
 from drivebus.drives.outcome import Outcome, OutcomeStatus
@@ -20,6 +22,7 @@ from drivebus.errors import Expired, LimitError, StartInhibited
 from drivebus.values import Text
 
 MAX_RAMP_HOLD_S = 10.0  # longest time for which one command keeps the frequency where it is
+MAX_END_DELAY_S = 2.0  # a hold that ends so much later is named with its time: this computer was held up
 RAMP_HOLD_POLL_INTERVAL_S = 0.2  # pause between two verified states while the ramp is held
 
 
@@ -93,20 +96,54 @@ def hold_ramp(op: OperationContext, seconds: float) -> DriveOperation[Outcome]:
     if refused is not None:
         return refused
     answered = result.error is None
-    if answered and (ended := (yield from _wait_for_hold_end(op, command, seconds))) is not None:
+    if not answered:
+        return (yield from _end_ramp_hold(op, output_hz, answered))
+    held = HeldFrequency((yield from get_bus_conditions()).now)
+    if (ended := (yield from _wait_for_hold_end(op, command, seconds, held))) is not None:
         return ended
-    return (yield from _end_ramp_hold(op, output_hz, answered))
+    outcome = yield from _end_ramp_hold(op, output_hz, answered)
+    if not outcome.succeeded:
+        return outcome
+    if held.has_changed(op):
+        params = {"from_hz": held.first_hz, "to_hz": held.last_hz}
+        return replace(outcome, status=OutcomeStatus.FAILED, key="drives.ramp_not_held", params=params)
+    held_s = (yield from get_bus_conditions()).now - held.began_at
+    return outcome if held_s <= seconds + MAX_END_DELAY_S else with_note(outcome, "drives.ramp_held_for", held_s=held_s)
 
 
-def _wait_for_hold_end(op: OperationContext, command: DriveCommand, seconds: float) -> DriveOperation[Outcome | None]:
+class HeldFrequency:
+    """Output frequency while a ramp is held: the first and the last that was read."""
+
+    def __init__(self, began_at: float) -> None:
+        self.began_at = began_at
+        self.first_hz: float | None = None
+        self.last_hz: float | None = None
+
+    def add(self, output_hz: float | None) -> None:
+        """Add the output frequency of a verified state, None where it was not read."""
+        if output_hz is not None:
+            self.first_hz = output_hz if self.first_hz is None else self.first_hz
+            self.last_hz = output_hz
+
+    def has_changed(self, op: OperationContext) -> bool:
+        """Return whether it has changed: the drive did not hold it, or has lost the hold with its power."""
+        if self.first_hz is None or self.last_hz is None:
+            return False
+        return abs(self.last_hz - self.first_hz) > speed_tolerance_hz(op, abs(self.first_hz))
+
+
+def _wait_for_hold_end(
+    op: OperationContext, command: DriveCommand, seconds: float, held: HeldFrequency
+) -> DriveOperation[Outcome | None]:
     """Read the state until the time is over; return the outcome of a motor that was switched off meanwhile."""
-    ends_at = (yield from get_bus_conditions()).now + seconds
+    ends_at = held.began_at + seconds
     while True:
         yield from op.read_verified_state()
         now = yield from op.check_not_superseded(command)
         if op.derived.state.output_off:
             op.may_be_running = False
             return op.outcome(OutcomeStatus.FAILED, "drives.ramp_hold_ended", state=op.derived.state)
+        held.add(op.output_hz())
         if now >= ends_at:
             return None
         yield from wait(min(RAMP_HOLD_POLL_INTERVAL_S, ends_at - now))

@@ -48,6 +48,7 @@ COMMAND_SETTLE_S = 0.15  # pause before the first read: right after a start a C3
 START_CONFIRM_TIMEOUT_S = 3.0  # a drive that still stands after this did not execute the start
 OVERSPEED_SHARE = 0.2  # of the set frequency, above it: slip compensation and overshoot stay below 10 %
 OVERSPEED_HZ = 3.0  # least distance above the set frequency, at low ones
+SPEED_UNKNOWN_NOTES = ("drives.setpoint_not_shown", "drives.start_interrupted")  # void once the speed is confirmed
 WITHHELD_ERRORS = (StartInhibited, Expired, Superseded)  # errors of a frame that was not sent
 _SPEEDING_STATES = (DriveState.RUNNING, DriveState.ACCELERATING)
 MAX_RESENDS = 2  # of an unanswered command, while it has not expired
@@ -230,6 +231,7 @@ def _send_start(
         highest_hz = max(frequency_hz, abs(op.output_hz() or 0.0))
     op.overspeed_hz = highest_hz + max(OVERSPEED_SHARE * highest_hz, OVERSPEED_HZ)
     frames = op.dialect.start(direction, word)
+    lost_before = op.lost_replies
     result = yield from send_frames(op, command, frames)
     refused = op.rejected_outcome(result)
     if refused is not None:
@@ -237,7 +239,8 @@ def _send_start(
     outcome = yield from confirm_start(op, command, frames, direction, result.error is None)
     yield from _stop_at_overspeed(op, frequency_hz)
     if outcome.status is OutcomeStatus.CONFIRMED and op.dialect.start_includes_setpoint:
-        return (yield from _check_setpoint(op, outcome, word, frequency_hz))
+        has_lost = op.lost_replies > lost_before
+        return (yield from _check_setpoint(op, outcome, word, frequency_hz, has_lost))
     return outcome
 
 
@@ -338,13 +341,16 @@ def _unconfirmed_outcome(op: OperationContext, state: DriveState) -> Outcome:
     )
 
 
-def _check_setpoint(op: OperationContext, outcome: Outcome, word: int, frequency_hz: float) -> DriveOperation[Outcome]:
+def _check_setpoint(
+    op: OperationContext, outcome: Outcome, word: int, frequency_hz: float, has_lost: bool
+) -> DriveOperation[Outcome]:
     """Check the frequency of a confirmed start, where the drive shows it.
 
-    A drive that shows only its output frequency (C320) has not reached it yet: ``wait_at_speed`` confirms it.
+    A drive that shows only its output frequency (C320) has not reached it yet: ``wait_at_speed`` confirms it. Where
+    replies were missing since the start, a note says that it may have been without power, and run by itself at another.
     """
     if not op.dialect.setpoint_reads() and op.dialect.can_confirm_speed():
-        return outcome
+        return with_note(outcome, "drives.start_interrupted") if has_lost else outcome
     if not op.dialect.setpoint_reads():
         return with_note(outcome, "drives.setpoint_not_shown", frequency_hz=frequency_hz)
     checked = yield from read_back_setpoint(op, word, frequency_hz, answered=True)
@@ -414,7 +420,7 @@ def wait_at_speed(
         if was_near and is_near:  # one reading may be of a motor that only passes this frequency
             key = "drives.running_at"
             done = op.outcome(OutcomeStatus.CONFIRMED, key, frequency_hz=frequency_hz, output_hz=output)
-            notes = tuple(note for note in outcome.notes if note[0] != "drives.setpoint_not_shown")
+            notes = tuple(note for note in outcome.notes if note[0] not in SPEED_UNKNOWN_NOTES)
             return replace(done, notes=notes)
         if output is not None:
             progress.update(abs(abs(output) - frequency_hz), conditions.now)
