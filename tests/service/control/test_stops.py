@@ -201,7 +201,7 @@ def test_a_start_that_the_service_refuses_has_left_no_motor_running() -> None:
 def test_a_failed_start_counts_as_one_of_the_service_unless_the_drive_knows_better(
     monkeypatch: pytest.MonkeyPatch, may_be_running: bool | None, counts: bool
 ) -> None:
-    """The end of its lease stops the drive then."""
+    """The end of its lease stops the drive then, and an earlier stop is no longer shown."""
 
     async def failing(*_: object, **__: object) -> None:
         error = NoReply("bus.no_reply", station=1)
@@ -211,10 +211,12 @@ def test_a_failed_start_counts_as_one_of_the_service_unless_the_drive_knows_bett
     async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit)
+            await kit.call("drive.stop", drive="fan-1")
             monkeypatch.setattr(Drive, "run", failing)
             with pytest.raises(NoReply):
                 await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
-            assert kit.service.plant.drives["fan-1"].started_by_service is counts
+            runtime = kit.service.plant.drives["fan-1"]
+            assert (runtime.started_by_service, runtime.last_stop is None) == (counts, counts)
 
     run(scenario())
 

@@ -127,6 +127,8 @@ class DriveCommands:
         except DrivebusError as error:
             if error.may_be_running is False:
                 runtime.started_by_service = before
+            elif runtime.last_stop is last_stop:  # a frame that starts it may have left after that stop
+                runtime.last_stop = None
             raise
         else:
             if runtime.last_stop is last_stop:  # else it was stopped during the start
