@@ -438,3 +438,11 @@ def test_the_limits_say_that_a_drive_runs_above_them(draw: Draw, fan: Any, above
     """A limit that is lowered slows no motor."""
     text = draw("drive/limits", "Limits", {"view": fan | {"above_limit_hz": above_hz}})
     assert (i18n.text("page.limits_above", "en", frequency_hz=40.5) in text) == (above_hz is not None)
+
+
+def test_limits_of_a_service_that_reports_no_excess_name_none(draw: Draw, fan: Any) -> None:
+    """Regression: "The drive runs at undefined Hz", from a service that ran on while its files were upgraded."""
+    view = {name: value for name, value in fan.items() if name != "above_limit_hz"}
+    assert i18n.text("page.limits_above", "en", frequency_hz="undefined") not in draw(
+        "drive/limits", "Limits", {"view": view}
+    )

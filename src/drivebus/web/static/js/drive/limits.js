@@ -7,9 +7,10 @@ import { isLive } from "../live.js";
 import { may } from "../session.js";
 import { Button, Dialog, Field, FormEnd, useRequest } from "../ui.js";
 
-/** Warning that the drive runs, or was set, above its limit, or nothing. */
+/** Warning that the drive runs, or was set, above its limit, or nothing. A service that was not restarted since its upgrade
+ * does not report it. */
 function AboveLimit({ view: { above_limit_hz } }) {
-  return above_limit_hz !== null && html`<b>${t("page.limits_above", { frequency_hz: above_limit_hz })}</b>`;
+  return Number.isFinite(above_limit_hz) && html`<b>${t("page.limits_above", { frequency_hz: above_limit_hz })}</b>`;
 }
 
 /** Limits in force; an engineer may narrow them. */
