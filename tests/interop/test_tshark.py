@@ -89,7 +89,7 @@ def benches() -> Iterator[None]:
 
 
 @dataclass(frozen=True, slots=True)
-class CapturedFrame:
+class ConversationFrame:
     """Frame of a conversation; for a reply also its request."""
 
     time_us: int
@@ -155,15 +155,15 @@ def damaged(chance: Random, data: bytes) -> bytes:
     return number.to_bytes(len(data), "big")
 
 
-def conversation(seed: int, frames: int) -> list[CapturedFrame]:
+def conversation(seed: int, frames: int) -> list[ConversationFrame]:
     """Return requests and replies; damaged requests and broadcasts, and one in twenty others, stay unanswered."""
-    chance, found, at = Random(seed), list[CapturedFrame](), 0
+    chance, found, at = Random(seed), list[ConversationFrame](), 0
     while len(found) < frames:
         request = some_request(chance)
         data = CODEC.encode_request(request)
         broken = chance.random() < 0.05
         found.append(
-            CapturedFrame(
+            ConversationFrame(
                 at := at + chance.randint(30_000, 200_000), damaged(chance, data) if broken else data, not broken
             )
         )
@@ -172,11 +172,11 @@ def conversation(seed: int, frames: int) -> list[CapturedFrame]:
         asked_in, data = len(found), CODEC.encode_reply(some_reply(chance, request))
         broken = chance.random() < 0.05
         data = damaged(chance, data) if broken else data
-        found.append(CapturedFrame(at := at + chance.randint(5_000, 100_000), data, not broken, request, asked_in))
+        found.append(ConversationFrame(at := at + chance.randint(5_000, 100_000), data, not broken, request, asked_in))
     return found[:frames]
 
 
-def recorded(path: Path, frames: list[CapturedFrame], seed: int) -> Path:
+def recorded(path: Path, frames: list[ConversationFrame], seed: int) -> Path:
     """Write the capture of a conversation; half of the replies come in two pieces."""
     chance = Random(seed)
     writer = CaptureWriter(path, CaptureHeader(SerialSettings(115200), "generated", STARTED, "test"), now=0.0)
@@ -260,7 +260,7 @@ def fields_of_tshark(row: dict[str, str]) -> dict[str, Any]:
 # decoding by drivebus
 
 
-def fields_of_drivebus(frame: CapturedFrame) -> dict[str, Any]:
+def fields_of_drivebus(frame: ConversationFrame) -> dict[str, Any]:
     """Return the same fields from drivebus's ``decode_request`` or ``decode_reply``."""
     message = decoded(frame)
     assert message is not None
@@ -300,7 +300,7 @@ def listed(first: int, values: tuple[int, ...]) -> dict[str, Any]:
     return {"first": first, "values": [int(one) for one in values]}
 
 
-def decoded(frame: CapturedFrame) -> Any:
+def decoded(frame: ConversationFrame) -> Any:
     """Return the message, None where drivebus's decoder rejects the frame."""
     try:
         verdict = (
@@ -315,10 +315,10 @@ def decoded(frame: CapturedFrame) -> Any:
 class TsharkComparison:
     """A conversation and tshark's fields of it."""
 
-    frames: list[CapturedFrame]
+    frames: list[ConversationFrame]
     rows: list[dict[str, str]]
 
-    def __iter__(self) -> Iterator[tuple[CapturedFrame, dict[str, str]]]:
+    def __iter__(self) -> Iterator[tuple[ConversationFrame, dict[str, str]]]:
         return zip(self.frames, self.rows, strict=True)
 
 
@@ -344,7 +344,7 @@ def test_the_generated_conversation_covers_all_functions_exceptions_and_damage(l
     assert sum(one.data[0] == 0 for one in line.frames) > 50
 
 
-def padding(one: CapturedFrame) -> int:
+def padding(one: ConversationFrame) -> int:
     """Return the number of padding bits that tshark 4.0 shows in a reply whose last bit is number 65,535.
 
     Its bit numbers wrap to 0 there. Padding is not data (Modbus Application Protocol V1.1b3, 6.1).

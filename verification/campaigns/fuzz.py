@@ -18,8 +18,8 @@ from verification.codec_fuzz.collision_odds import false_accept_limit
 from verification.codec_fuzz.fuzz_block import (
     BLOCK_BYTES,
     CHANCE_DAMAGE_KINDS,
-    BlockResult,
     DecodeFunction,
+    FuzzResult,
     decode_outcome,
     run_block,
 )
@@ -96,7 +96,7 @@ FuzzTask = tuple[str, int, int, str]
 
 def run(campaign_run: CampaignRun) -> None:
     """Fuzz each codec with the budget in bytes."""
-    totals = {name: BlockResult() for name in FUZZED_CODECS if campaign_run.covers(name)}
+    totals = {name: FuzzResult() for name in FUZZED_CODECS if campaign_run.covers(name)}
     done = 0
     tasks = tuple(_tasks(campaign_run))
     for (name, number, _, _), found in zip(
@@ -123,13 +123,13 @@ def _tasks(campaign_run: CampaignRun) -> Iterator[FuzzTask]:
             yield name, number, size, f"{campaign_run.campaign}/{campaign_run.seed}/{name}/{number}"
 
 
-def fuzz_block(task: FuzzTask) -> BlockResult:
+def fuzz_block(task: FuzzTask) -> FuzzResult:
     """Run one block, in any process."""
     name, _, size, seed = task
     return run_block(FUZZED_CODECS[name], Random(seed), size)
 
 
-def _check_totals(campaign_run: CampaignRun, name: str, total: BlockResult) -> None:
+def _check_totals(campaign_run: CampaignRun, name: str, total: FuzzResult) -> None:
     """Report a codec's figures; more accepted frames than random damage explains are a violation."""
     campaign_run.count(f"{name} frames", sum(total.frames.values()))
     campaign_run.count(f"{name} bytes", total.bytes)

@@ -141,7 +141,7 @@ class LateReplyBus:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Block:
+class LateReplyBlock:
     """Chunks of all variants that one process runs, numbered from ``first``."""
 
     seed: int
@@ -152,7 +152,7 @@ class Block:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BlockResult:
+class LateReplyResult:
     """Result of a block: its trials, and the counts of each variant by name."""
 
     part: PartResult
@@ -175,10 +175,10 @@ def run(campaign_run: CampaignRun) -> None:
     _report_results(campaign_run, variants, found, baseline)
 
 
-def _blocks(campaign_run: CampaignRun) -> Iterator[Block]:
+def _blocks(campaign_run: CampaignRun) -> Iterator[LateReplyBlock]:
     size = CHUNKS_PER_BLOCK * TRANSACTIONS_PER_CHUNK
     for number, start in enumerate(range(0, campaign_run.budget, size)):
-        yield Block(
+        yield LateReplyBlock(
             seed=campaign_run.seed,
             first=number * CHUNKS_PER_BLOCK,
             transactions=min(size, campaign_run.budget - start),
@@ -186,7 +186,7 @@ def _blocks(campaign_run: CampaignRun) -> Iterator[Block]:
         )
 
 
-def run_block(listener: Callable[[str], None] | None, block: Block) -> BlockResult:
+def run_block(listener: Callable[[str], None] | None, block: LateReplyBlock) -> LateReplyResult:
     """Run the chunks of one block, all variants in turn, in any process."""
     campaign_run = CampaignRun(
         campaign="late", seed=block.seed, budget=block.transactions, only=block.only, listener=listener
@@ -204,7 +204,7 @@ def run_block(listener: Callable[[str], None] | None, block: Block) -> BlockResu
             found[variant.name].update(bus.counts, transactions=bus.scenario.oracle.request_count)
             baseline[variant.name].update(bus.run_baseline(max(1, int(frames * BASELINE_SHARE))))
         campaign_run.add_trials(frames)
-    return BlockResult(part=campaign_run.result(), found=dict(found), baseline=dict(baseline))
+    return LateReplyResult(part=campaign_run.result(), found=dict(found), baseline=dict(baseline))
 
 
 def _report_results(

@@ -27,7 +27,7 @@ from verification.families.family_campaign import WrittenParameter
 from verification.families.registry import variants_for
 from verification.statements.drive_physics import MISBEHAVIOURS, DrivePhysics
 from verification.statements.fake_line import LINE_FAULTS, FakeLine, LinePlan
-from verification.statements.statement_checker import HZ_TOLERANCE, OUTPUT_OFF, Statement, StatementChecker
+from verification.statements.statement_checker import OUTPUT_OFF, REPORT_TOLERANCE_HZ, Statement, StatementChecker
 
 ADDRESS = 3
 BAUD = 38400
@@ -183,7 +183,7 @@ class StatementSession:
                 self._check("status", "reading", reading.reason, {}, began, "")
             elif name == "output_frequency" and reading.quality is Quality.GOOD:
                 shown = [e.reaction.reports.hz for e in self.line.exchanges if e.reaction is not None and e.at >= began]
-                if not any(hz is not None and abs(hz - reading.value) <= HZ_TOLERANCE for hz in shown):
+                if not any(hz is not None and abs(hz - reading.value) <= REPORT_TOLERANCE_HZ for hz in shown):
                     self._report(statement, f"{reading.value} Hz was never reported")
         shows_fault, standing = status.fault is not None, status.state.value in OUTPUT_OFF
         changed = "trips" in self.line.physics.misbehaviours

@@ -227,7 +227,7 @@ REQUEST_INTERVAL_S = 0.02
 TEST_PASSWORD = "a pass phrase for the campaign"
 
 
-class CountingService:
+class CallCountingService:
     """Service that executes nothing and counts the calls that reach it."""
 
     def __init__(self) -> None:
@@ -261,7 +261,7 @@ class UnauthorizedClient:
     def __init__(self, campaign_run: CampaignRun, folder: Path) -> None:
         self.campaign_run = campaign_run
         self.now = 0.0
-        self.service = CountingService()
+        self.service = CallCountingService()
         self.auth = AuthService(folder, clock=lambda: self.now, wall_ms=lambda: round(self.now * 1000))
         self.app = make_app(self.service, self.auth, WebConfig())
 

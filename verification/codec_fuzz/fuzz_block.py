@@ -186,7 +186,7 @@ CHANCE_DAMAGE_KINDS = ("noise", "garbled", "substituted")
 
 
 @dataclass(slots=True, kw_only=True)
-class BlockResult:
+class FuzzResult:
     """Result of one or more blocks of a codec."""
 
     bytes: int = 0
@@ -201,7 +201,7 @@ class BlockResult:
     lines: list[str] = field(default_factory=list)
     violations: list[str] = field(default_factory=list)
 
-    def add(self, other: BlockResult) -> None:
+    def add(self, other: FuzzResult) -> None:
         """Add another block's counts, without its lines and violations."""
         self.bytes += other.bytes
         self.frames.update(other.frames)
@@ -244,9 +244,9 @@ def fuzz_targets(entry: FuzzedCodec, exchange: ValidExchange) -> tuple[FuzzTarge
     )
 
 
-def run_block(entry: FuzzedCodec, rng: Random, size: int = BLOCK_BYTES) -> BlockResult:
+def run_block(entry: FuzzedCodec, rng: Random, size: int = BLOCK_BYTES) -> FuzzResult:
     """Decode damaged frames until ``size`` bytes are used."""
-    found = BlockResult()
+    found = FuzzResult()
     pool = [fuzz_targets(entry, entry.exchange(rng)) for _ in range(EXCHANGES_PER_BLOCK)]
     kinds, digest = list(DAMAGE_KINDS), sha256()
     while found.bytes < size:
@@ -280,7 +280,7 @@ def false_accept_probability(
     return shifts * sum(probability for size, probability in target.noise if size <= len(data))
 
 
-def _try_frame(entry: FuzzedCodec, target: FuzzTarget, kind: str, data: bytes, cut: float, found: BlockResult) -> bytes:
+def _try_frame(entry: FuzzedCodec, target: FuzzTarget, kind: str, data: bytes, cut: float, found: FuzzResult) -> bytes:
     """Decode one frame and compare it with the reference; return the result for the digest."""
     try:
         what, wrong = feed_incrementally(target.decode, data, cut, entry.longest)
@@ -304,7 +304,7 @@ def _try_frame(entry: FuzzedCodec, target: FuzzTarget, kind: str, data: bytes, c
 
 
 def _on_accepted(
-    entry: FuzzedCodec, target: FuzzTarget, kind: str, data: bytes, what: DecodeOutcome, size: int, found: BlockResult
+    entry: FuzzedCodec, target: FuzzTarget, kind: str, data: bytes, what: DecodeOutcome, size: int, found: FuzzResult
 ) -> None:
     if target.sent:
         try:

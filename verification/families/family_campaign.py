@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from verification.codec_fuzz.fuzzed_codec import FuzzedCodec
 from verification.drive_variants import DriveVariant
 from verification.fault_matrix.matrix_family import MatrixFamily
-from verification.statements.reaction import FakeStation
+from verification.statements.reaction import StationModel
 
 
 class StrengthCase(NamedTuple):
@@ -57,7 +57,7 @@ class FamilyCampaign:
     """``(variant, address)`` to reads of one value each whose replies have the same form; all values change."""
     late_parameters: Mapping[str, tuple[str, ...]]
     """Model to the parameters that a user reads; none where the model reads none."""
-    stations: Mapping[str, Callable[[], FakeStation]]
+    stations: Mapping[str, Callable[[], StationModel]]
     """Model to its misbehaving station of the campaign ``statements``."""
     statement_options: Mapping[str, Any] = field(default_factory=dict)
     """Options that a person at the drive has determined."""

@@ -11,7 +11,7 @@ from drivebus.protocols.codec import Codec, Complete, CompleteIfSilent
 from drivebus.serial_settings import SerialSettings
 from drivebus.types import Capabilities, EchoSetting, Receiver
 from verification.statements.drive_physics import DrivePhysics
-from verification.statements.reaction import FakeStation, Reaction
+from verification.statements.reaction import Reaction, StationModel
 
 LINE_FAULTS = ("silent", "before", "after", "doubled", "foreign", "late", "cut", "damaged")
 MAX_LATENESS_S = 0.7
@@ -55,7 +55,7 @@ class LinePlan:
 class FakeLine:
     """Port of the master, with the drive behind it."""
 
-    station: FakeStation
+    station: StationModel
     address: int
     codec: Codec
     settings: SerialSettings

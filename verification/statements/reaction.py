@@ -35,7 +35,7 @@ class Reaction:
     reports: Report = field(default_factory=Report)
 
 
-class FakeStation(Protocol):
+class StationModel(Protocol):
     """Station of one model: which reply a request gets."""
 
     @property

@@ -1,6 +1,6 @@
 """Checks of sentences: what the product states of a drive is compared with what the fake drive did and reported.
 
-A sentence is known by its key and parameters; rules on words ("no reply", "nothing was sent") hold for the English
+A sentence is identified by its key and parameters; rules on words ("no reply", "nothing was sent") hold for the English
 text of every key, so that a changed sentence is checked by what it then says.
 """
 
@@ -17,10 +17,10 @@ from verification.statements.fake_line import Exchange, FakeLine
 from verification.statements.reaction import Report
 
 OUTPUT_OFF = ("stopped", "fault")
-HZ_TOLERANCE = 0.011
-LATE_TOLERANCE_MS = 2
-ACTING = ("set", "start", "stop", "reset", "level")
-STOPPING = ("stop", "level")
+REPORT_TOLERANCE_HZ = 0.011  # one step of 0.01 Hz, and the rounding of its binary fraction
+LATE_TOLERANCE_MS = 2  # rounding of the lateness in the sentence
+ACTING_EFFECTS = ("set", "start", "stop", "reset", "level")
+STOPPING_EFFECTS = ("stop", "level")
 """Effects of a stop that is still being repeated while another command is refused."""
 SILENCE = re.compile(r"no reply(?! code| within)|not reply|stopped replying")
 LINE_CONTEXT_S = 6.0
@@ -52,29 +52,34 @@ class StatementChecker:
 
     def contradictions(self, statement: Statement) -> Iterator[str]:
         """Yield what the fake drive contradicts."""
-        known = [e for e in self.line.exchanges if statement.began_at - 1e-9 <= e.at <= statement.ended_at]
-        around = [e for e in self.line.exchanges if statement.began_at - LINE_CONTEXT_S <= e.at <= statement.ended_at]
-        yield from self._words(statement, known, around)
-        yield from self._reports(statement, known)
-        yield from self._effects(statement, known)
-        yield from self._line(statement, around)
+        exchanges = [e for e in self.line.exchanges if statement.began_at - 1e-9 <= e.at <= statement.ended_at]
+        recent = [e for e in self.line.exchanges if statement.began_at - LINE_CONTEXT_S <= e.at <= statement.ended_at]
+        yield from self._wording_contradictions(statement, exchanges, recent)
+        yield from self._report_contradictions(statement, exchanges)
+        yield from self._effect_contradictions(statement, exchanges)
+        yield from self._line_contradictions(statement, recent)
 
     # --- words of the sentence ----------------------------------------------------------------------------------------
 
-    def _words(self, statement: Statement, known: list[Exchange], around: list[Exchange]) -> Iterator[str]:
-        text, acting = statement.text, [e for e in known if e.reaction is not None and e.reaction.effect in ACTING]
+    def _wording_contradictions(
+        self, statement: Statement, exchanges: list[Exchange], recent: list[Exchange]
+    ) -> Iterator[str]:
+        text, acting = (
+            statement.text,
+            [e for e in exchanges if e.reaction is not None and e.reaction.effect in ACTING_EFFECTS],
+        )
         if "nothing was sent that moves" in text or "start was not sent" in text or "no start was sent" in text:
-            if any(e.reaction is not None and e.reaction.effect == "start" for e in known):
+            if any(e.reaction is not None and e.reaction.effect == "start" for e in exchanges):
                 yield "a start was sent"
         elif self._claims_nothing_sent(statement) and any(
-            e.reaction is not None and e.reaction.effect not in STOPPING for e in acting
+            e.reaction is not None and e.reaction.effect not in STOPPING_EFFECTS for e in acting
         ):
             yield "acting frames were sent"
-        if SILENCE.search(text) and "no valid reply" not in text and not any(self._is_unanswered(e) for e in around):
+        if SILENCE.search(text) and "no valid reply" not in text and not any(self._is_unanswered(e) for e in recent):
             yield "every request was followed by bytes of the drive"
-        if ("no valid reply" in text or "no usable reply" in text) and not any(self._is_unsuitable(e) for e in around):
+        if ("no valid reply" in text or "no usable reply" in text) and not any(self._is_unsuitable(e) for e in recent):
             yield "every request got a valid reply"
-        if "rejected" in text and not any(e.reaction is not None and e.reaction.rejected for e in around):
+        if "rejected" in text and not any(e.reaction is not None and e.reaction.rejected for e in recent):
             yield "the drive rejected nothing"
         if (
             "unknown whether" not in text
@@ -101,43 +106,45 @@ class StatementChecker:
 
     # --- what the drive reported --------------------------------------------------------------------------------------
 
-    def _reports(self, statement: Statement, known: list[Exchange]) -> Iterator[str]:
-        shown = [e.reaction.reports for e in known if e.reaction is not None and e.reply]
+    def _report_contradictions(self, statement: Statement, exchanges: list[Exchange]) -> Iterator[str]:
+        reports = [e.reaction.reports for e in exchanges if e.reaction is not None and e.reply]
         state = statement.params.get("state")
         if state is not None and self.reports_state and str(state) != "unknown":
-            yield from self._state(statement, str(state.value), shown)
+            yield from self._state_contradictions(statement, str(state.value), reports)
         for name in ("output_hz", "found_hz"):
             value = statement.params.get(name)
-            if value is not None and not self._shows_hz(float(value), statement.key, shown):
+            if value is not None and not self._was_reported_hz(float(value), statement.key, reports):
                 yield f"{name} {value} was never reported"
         found = statement.params.get("found")
         if (
             found is not None
             and statement.key == "drives.wrong_direction"
-            and str(found.value) not in {r.direction for r in shown}
+            and str(found.value) not in {r.direction for r in reports}
         ):
             yield f"direction {found} was never reported"
         if statement.key == "drives.setpoint_confirmed" and statement.status == "confirmed":
-            asked = float(statement.params["frequency_hz"])
-            if not any(r.setpoint_hz is not None and abs(r.setpoint_hz - asked) <= HZ_TOLERANCE for r in shown):
-                yield f"a set frequency of {asked} was never reported"
+            commanded_hz = float(statement.params["frequency_hz"])
+            if not any(
+                r.setpoint_hz is not None and abs(r.setpoint_hz - commanded_hz) <= REPORT_TOLERANCE_HZ for r in reports
+            ):
+                yield f"a set frequency of {commanded_hz} was never reported"
 
-    def _state(self, statement: Statement, state: str, shown: list[Report]) -> Iterator[str]:
-        states = [r.state for r in shown if r.state is not None]
+    def _state_contradictions(self, statement: Statement, state: str, reports: list[Report]) -> Iterator[str]:
+        states = [r.state for r in reports if r.state is not None]
         if state not in states:
             yield f"state {state} was never reported, only {sorted(set(states))}"
         elif statement.status == "confirmed" and states.count(state) < 2:
             yield f"state {state} was reported only once"
 
     @staticmethod
-    def _shows_hz(value: float, key: str, shown: list[Report]) -> bool:
+    def _was_reported_hz(value: float, key: str, reports: list[Report]) -> bool:
         setpoint = key.startswith("drives.setpoint")
-        values = (r.setpoint_hz if setpoint else r.hz for r in shown)
-        return any(one is not None and abs(one - value) <= HZ_TOLERANCE for one in values)
+        values = (r.setpoint_hz if setpoint else r.hz for r in reports)
+        return any(one is not None and abs(one - value) <= REPORT_TOLERANCE_HZ for one in values)
 
     # --- what the drive did -------------------------------------------------------------------------------------------
 
-    def _effects(self, statement: Statement, known: list[Exchange]) -> Iterator[str]:
+    def _effect_contradictions(self, statement: Statement, exchanges: list[Exchange]) -> Iterator[str]:
         physics = self.line.physics
         if statement.key == "drives.no_fault" and str(statement.params["state"]) == "unknown" and self.reports_state:
             yield "an unknown state is no report of no fault"
@@ -149,65 +156,65 @@ class StatementChecker:
             if statement.key in ("drives.start_confirmed", "drives.running_at") and not physics.was_on:
                 yield "the output was never on"
             if statement.key in ("drives.start_confirmed", "drives.running_at"):
-                shown = {e.reaction.reports.direction for e in known[-4:] if e.reaction is not None} - {None}
-                if shown and statement.direction not in shown:
-                    yield f"the drive reports {shown}, commanded {statement.direction}"
+                directions = {e.reaction.reports.direction for e in exchanges[-4:] if e.reaction is not None} - {None}
+                if directions and statement.direction not in directions:
+                    yield f"the drive reports {directions}, commanded {statement.direction}"
             if statement.key == "drives.reset_confirmed" and physics.fault:
                 yield f"fault {physics.fault} is present"
             if statement.key == "drives.no_fault" and physics.fault:
                 yield f"fault {physics.fault} is present"
         if statement.status == "acknowledged" and not any(
-            e.reaction is not None and e.reaction.effect in ACTING for e in known
+            e.reaction is not None and e.reaction.effect in ACTING_EFFECTS for e in exchanges
         ):
             yield "the drive executed no frame of it"
 
     def write_contradictions(self, statement: Statement, memory_key: int, raw: int) -> Iterator[str]:
         """Yield what contradicts the outcome of a write of ``raw`` to this key of the memory."""
-        held = self.line.physics.memory.get(memory_key, 0)
-        if statement.key in ("drives.write_confirmed", "drives.write_skipped") and held != raw:
-            yield f"the drive holds {held}, not {raw}"
-        if statement.key == "drives.write_differs" and held == raw:
+        stored = self.line.physics.memory.get(memory_key, 0)
+        if statement.key in ("drives.write_confirmed", "drives.write_skipped") and stored != raw:
+            yield f"the drive holds {stored}, not {raw}"
+        if statement.key == "drives.write_differs" and stored == raw:
             yield f"the drive holds {raw}"
 
     # --- bytes on the line --------------------------------------------------------------------------------------------
 
-    def _line(self, statement: Statement, around: list[Exchange]) -> Iterator[str]:
+    def _line_contradictions(self, statement: Statement, recent: list[Exchange]) -> Iterator[str]:
         params = statement.params
         match statement.key:
             case "bus.no_reply":
                 window_s = params["milliseconds"] / 1000
                 times = [at for at, _ in self.line.deliveries]
-                if not any(not any(e.at < at < e.at + window_s - 0.001 for at in times) for e in around):
+                if not any(not any(e.at < at < e.at + window_s - 0.001 for at in times) for e in recent):
                     yield "bytes followed each request in that time"
-                if params["attempt"] > len(around):
-                    yield f"only {len(around)} requests"
+                if params["attempt"] > len(recent):
+                    yield f"only {len(recent)} requests"
             case "drives.stop_unusable_replies":
-                if not any(isfinite(e.reply_at) for e in around):
+                if not any(isfinite(e.reply_at) for e in recent):
                     yield "nothing was received"
             case "bus.truncated":
-                if not any(e.line_fault in ("cut", "damaged", "late", "before", "doubled", "foreign") for e in around):
+                if not any(e.line_fault in ("cut", "damaged", "late", "before", "doubled", "foreign") for e in recent):
                     yield "no reply was cut"
             case "bus.stray_before":
-                strays = {e.stray.hex(" ").upper() for e in around if e.line_fault == "before"}
-                if params["bytes"] not in strays and not self._is_tail(params["bytes"], around):
+                strays = {e.stray.hex(" ").upper() for e in recent if e.line_fault == "before"}
+                if params["bytes"] not in strays and not self._is_tail(params["bytes"], recent):
                     yield f"the stray bytes were {sorted(strays)}"
             case "bus.trailing":
-                if not any(e.line_fault in ("after", "doubled", "before", "late") for e in around):
+                if not any(e.line_fault in ("after", "doubled", "before", "late") for e in recent):
                     yield "nothing followed a reply"
             case "bus.second_reply":
-                if not any(e.line_fault == "doubled" for e in around) and not self._is_repeated(around):
+                if not any(e.line_fault == "doubled" for e in recent) and not self._is_repeated(recent):
                     yield "no reply was received twice"
             case "bus.late_reply":
-                late_ms = [(e.reply_at - e.at) * 1000 for e in around if isfinite(e.reply_at)]
+                late_ms = [(e.reply_at - e.at) * 1000 for e in recent if isfinite(e.reply_at)]
                 if not any(delay_ms >= params["milliseconds"] - LATE_TOLERANCE_MS for delay_ms in late_ms):
                     yield f"replies came after {late_ms} ms"
             case "bus.other_station_replied":
-                foreign = any(e.line_fault in ("foreign", "damaged") for e in around)
-                if not foreign or (params["found"] != self.line.address + 1 and "damaged" not in _faults(around)):
+                foreign = any(e.line_fault in ("foreign", "damaged") for e in recent)
+                if not foreign or (params["found"] != self.line.address + 1 and "damaged" not in _faults(recent)):
                     yield "no such address replied"
             case "bus.own_echo" | "bus.only_own_frame":
-                received = [e.reply for e in around] + ([e.request for e in around] if self.line.plan.echoes else [])
-                if not any(e.request in received for e in around):
+                received = [e.reply for e in recent] + ([e.request for e in recent] if self.line.plan.echoes else [])
+                if not any(e.request in received for e in recent):
                     yield "no reply equals its request"
 
     @staticmethod
@@ -217,16 +224,16 @@ class StatementChecker:
         return whole and exchange.reaction is not None and not exchange.reaction.rejected
 
     @staticmethod
-    def _is_tail(text: str, around: list[Exchange]) -> bool:
+    def _is_tail(text: str, recent: list[Exchange]) -> bool:
         """Return whether the bytes are the end of another reply, which came between."""
         data = bytes.fromhex(text)
-        return any(e.reply.endswith(data) or e.stray.endswith(data) for e in around)
+        return any(e.reply.endswith(data) or e.stray.endswith(data) for e in recent)
 
     @staticmethod
-    def _is_repeated(around: list[Exchange]) -> bool:
+    def _is_repeated(recent: list[Exchange]) -> bool:
         """Return whether two requests got the same reply, one of them late: then it looks like a second one."""
-        return "late" in _faults(around) or "cut" in _faults(around)
+        return "late" in _faults(recent) or "cut" in _faults(recent)
 
 
-def _faults(around: list[Exchange]) -> set[str]:
-    return {e.line_fault for e in around}
+def _faults(recent: list[Exchange]) -> set[str]:
+    return {e.line_fault for e in recent}

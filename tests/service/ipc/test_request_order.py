@@ -18,7 +18,7 @@ from fixtures.service import LOCAL, ServiceKit, running_service
 QUERIES = [("buses.list", {})] * 20
 
 
-class Wire:
+class RecordingWriter:
     """Writer that records the messages to a client of the socket."""
 
     def __init__(self) -> None:
@@ -40,14 +40,14 @@ class Wire:
 
 async def send_at_once(kit: ServiceKit, *requests: tuple[str, Json]) -> list[Json]:
     """Send requests in one piece as a local user; return the replies in the order of the requests."""
-    reader, wire = asyncio.StreamReader(), Wire()
+    reader, writer = asyncio.StreamReader(), RecordingWriter()
     for number, (name, params) in enumerate(requests):
         message = {"id": number, "op": name, "params": params, "actor": LOCAL.as_json()}
         reader.feed_data(json.dumps(message).encode() + b"\n")
     reader.feed_eof()
     server = SocketServer(kit.service, Path("/nonexistent"))
-    await server._connected(reader, cast(asyncio.StreamWriter, wire))
-    return sorted(wire.messages, key=lambda message: cast(int, message["id"]))
+    await server._connected(reader, cast(asyncio.StreamWriter, writer))
+    return sorted(writer.messages, key=lambda message: cast(int, message["id"]))
 
 
 @pytest.mark.parametrize(
@@ -110,11 +110,11 @@ def test_a_live_message_overtakes_long_replies() -> None:
     """Replies are encoded in pieces, one after another; live messages do not wait for them."""
 
     async def scenario() -> None:
-        wire, many = Wire(), {f"drives/{number}": {"title": "x" * 1000} for number in range(300)}
+        writer, many = RecordingWriter(), {f"drives/{number}": {"title": "x" * 1000} for number in range(300)}
         async with running_service() as kit:
-            connection = _ClientConnection(kit.service, asyncio.StreamReader(), cast(asyncio.StreamWriter, wire))
+            connection = _ClientConnection(kit.service, asyncio.StreamReader(), cast(asyncio.StreamWriter, writer))
             messages = [{"id": number, "result": many} for number in range(20)] + [{"id": 20, "live": many}]
             await asyncio.gather(*map(connection._send, messages))
-        assert wire.messages[0]["id"] == 20
+        assert writer.messages[0]["id"] == 20
 
     run(scenario())
