@@ -77,13 +77,13 @@ class Bus:
 
     def statistics(self) -> BusStatistics:
         """Return load, rates, reply times, errors and bytes, of the bus and of each station."""
-        found: BusStatistics = self.call(self.bus.statistics)
-        return found
+        result: BusStatistics = self.call(self.bus.statistics)
+        return result
 
     def health(self, address: int) -> StationHealth:
         """Return presence, error rates, foreign master, duplicate address. Raises KeyError: address not registered."""
-        found: StationHealth = self.call(self.bus.health, address)
-        return found
+        result: StationHealth = self.call(self.bus.health, address)
+        return result
 
     def contact_losses(self, address: int) -> int:
         """Return how often the port was lost, or a reply came after 10 s of silence or 2 minutes without request."""
@@ -91,8 +91,8 @@ class Bus:
 
     def unusable_reply(self, address: int) -> Exception | None:
         """Return what a station that is not online sends in place of a reply, None for silence. Raises KeyError."""
-        found: Exception | None = self.call(self.bus.unusable_reply, address)
-        return found
+        error: Exception | None = self.call(self.bus.unusable_reply, address)
+        return error
 
     @property
     def foreign_master(self) -> bool:
@@ -188,8 +188,8 @@ class Monitor:
 
     def status(self) -> DriveStatus:
         """Return the newest readings; old ones are marked bad, and an old state is UNKNOWN. Sends nothing."""
-        found: DriveStatus = self._bus.call(self._monitor.status)
-        return found
+        result: DriveStatus = self._bus.call(self._monitor.status)
+        return result
 
     @property
     def last_error(self) -> Exception | None:
@@ -236,13 +236,23 @@ class Drive:
         self,
         frequency_hz: float,
         direction: Direction | str | None = None,
+        *,
         wait: bool = False,
         timeout_s: float | None = None,
         requested_at: float | None = None,
         on_progress: Callable[[DriveStatus], None] | None = None,
     ) -> Outcome:
         """Run at ``frequency_hz``. ``on_progress`` is called on the bus's thread: be quick there, and call no drive."""
-        return self._bus.run(self.drive.run(frequency_hz, direction, wait, timeout_s, requested_at, on_progress))
+        return self._bus.run(
+            self.drive.run(
+                frequency_hz,
+                direction,
+                wait=wait,
+                timeout_s=timeout_s,
+                requested_at=requested_at,
+                on_progress=on_progress,
+            )
+        )
 
     def set_frequency(self, frequency_hz: float, requested_at: float | None = None) -> Outcome:
         return self._bus.run(self.drive.set_frequency(frequency_hz, requested_at))
@@ -259,14 +269,14 @@ class Drive:
     def assume_model(self) -> None:
         self.drive.assume_model()
 
-    def stop(self, wait: bool = True) -> Outcome:
-        return self._bus.run(self.drive.stop(wait))
+    def stop(self, *, wait: bool = True) -> Outcome:
+        return self._bus.run(self.drive.stop(wait=wait))
 
-    def coast(self, wait: bool = True) -> Outcome:
-        return self._bus.run(self.drive.coast(wait))
+    def coast(self, *, wait: bool = True) -> Outcome:
+        return self._bus.run(self.drive.coast(wait=wait))
 
-    def quick_stop(self, wait: bool = True) -> Outcome:
-        return self._bus.run(self.drive.quick_stop(wait))
+    def quick_stop(self, *, wait: bool = True) -> Outcome:
+        return self._bus.run(self.drive.quick_stop(wait=wait))
 
     def pause(self) -> Outcome:
         return self._bus.run(self.drive.pause())
@@ -330,8 +340,8 @@ class Drive:
     def read(self, names: Iterable[str]) -> dict[str, Reading]:
         return self._bus.run(self.drive.read(names))
 
-    def write(self, values: Mapping[str, float | str], save: bool = False, force: bool = False) -> Outcome:
-        return self._bus.run(self.drive.write(values, save, force))
+    def write(self, values: Mapping[str, float | str], *, save: bool = False, force: bool = False) -> Outcome:
+        return self._bus.run(self.drive.write(values, save=save, force=force))
 
     def identify(self) -> Identity:
         return self._bus.run(self.drive.identify())

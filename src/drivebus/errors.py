@@ -248,13 +248,13 @@ class DriveRejected(DriveError):
 class CapabilityName:
     """Name of a capability as the page has it, as the parameter of a sentence; one without a name as it is."""
 
-    def __init__(self, what: str) -> None:
-        self._what = what
+    def __init__(self, capability: str) -> None:
+        self._capability = capability
 
     def text(self, language: str = "en") -> str:
         """Return the name in a language."""
-        key = f"page.can_{self._what}"
-        return i18n.text(key, language) if i18n.known(key) else self._what
+        key = f"page.can_{self._capability}"
+        return i18n.text(key, language) if i18n.known(key) else self._capability
 
     def __str__(self) -> str:
         return self.text("en")

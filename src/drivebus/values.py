@@ -57,14 +57,14 @@ def parse_addresses(text: str, highest: int = HIGHEST_ADDRESS) -> tuple[int, ...
 
     Raises ValueError for another notation, an address above ``highest``, and a range that ends before it begins.
     """
-    found: list[int] = []
+    addresses: list[int] = []
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
         low, high = _parse_address(first, highest), _parse_address(last if dash else first, highest)
         if high < low:
             raise ValueError(part)
-        found += range(low, high + 1)
-    return tuple(dict.fromkeys(found))
+        addresses += range(low, high + 1)
+    return tuple(dict.fromkeys(addresses))
 
 
 def format_addresses(addresses: Iterable[int]) -> str:

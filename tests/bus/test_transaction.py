@@ -254,7 +254,11 @@ def test_the_reader_is_not_paused_where_other_bytes_than_a_reply_may_arrive() ->
     assert damaged.error is not None and damaged.earliest_useful_at() is None
     assert (
         Transaction(
-            make_transaction().prepared, 1.0, CHARACTER_S, has_line_timing=True, echo=EchoFilter(b"frame", True)
+            make_transaction().prepared,
+            1.0,
+            CHARACTER_S,
+            has_line_timing=True,
+            echo=EchoFilter(b"frame", tentative=True),
         ).earliest_useful_at()
         is None
     )

@@ -251,12 +251,12 @@ def test_a_short_error_that_may_be_the_start_of_an_echo_waits_for_the_adapter_to
 def test_the_echo_is_removed_and_a_byte_that_differs_is_a_collision() -> None:
     request = read_request().request
     sent = RTU.encode_request(request)
-    transaction = make_transaction(paced=False, echo=EchoFilter(sent, False))
+    transaction = make_transaction(paced=False, echo=EchoFilter(sent, tentative=False))
     transaction.on_data(sent[:3], 1.001)
     assert (transaction.received_count, transaction.last_byte_at) == (0, None)
     transaction.on_data(sent[3:] + REPLY, 1.05)
     assert transaction.final_error() is None and transaction.received_count == 13
-    other = make_transaction(paced=False, echo=EchoFilter(sent, False))
+    other = make_transaction(paced=False, echo=EchoFilter(sent, tentative=False))
     other.on_data(sent[:3] + b"\xff", 1.05)
     error = other.final_error()
     assert isinstance(error, LineError)
@@ -304,14 +304,18 @@ def test_bytes_that_equal_the_frame_after_a_collision_are_no_echo() -> None:
 
 
 def test_bytes_taken_for_an_echo_that_was_none_are_counted_once() -> None:
-    transaction = make_transaction(paced=False, echo=EchoFilter(RTU.encode_request(read_request().request), True))
+    transaction = make_transaction(
+        paced=False, echo=EchoFilter(RTU.encode_request(read_request().request), tentative=True)
+    )
     transaction.on_data(REPLY[:2], 1.05)
     transaction.on_data(REPLY[2:5], 1.06)
     error = transaction.final_error()
     assert isinstance(error, NoReply) and (error.key, error.params["bytes"]) == ("bus.truncated", 5)
 
 
-@pytest.mark.parametrize("echo", [None, EchoFilter(WRITE_FRAME, False), EchoFilter(WRITE_FRAME, True)])
+@pytest.mark.parametrize(
+    "echo", [None, EchoFilter(WRITE_FRAME, tentative=False), EchoFilter(WRITE_FRAME, tentative=True)]
+)
 def test_silence_after_a_write_is_not_called_the_own_frame(echo: EchoFilter | None) -> None:
     """The user would look for an adapter with an echo instead of a drive without power."""
     error = make_transaction(WRITE, paced=False, echo=echo).final_error()
@@ -319,7 +323,7 @@ def test_silence_after_a_write_is_not_called_the_own_frame(echo: EchoFilter | No
 
 
 def test_the_frame_of_another_station_in_place_of_an_echo_is_not_called_the_own_frame() -> None:
-    transaction = make_transaction(WRITE, paced=False, echo=EchoFilter(WRITE_FRAME, True))
+    transaction = make_transaction(WRITE, paced=False, echo=EchoFilter(WRITE_FRAME, tentative=True))
     transaction.on_data(OTHERS, 1.05)
     error = transaction.final_error()
     assert transaction.foreign_frames and isinstance(error, NoReply) and error.key == "bus.no_reply"

@@ -171,7 +171,7 @@ def test_a_full_disk_ends_the_capture_and_does_not_disturb_the_bus(
     writer.close()
 
 
-def test_the_sentence_of_a_rejected_value(tmp_path: Path) -> None:
+def test_a_rejected_value_is_named_with_its_line_and_what_is_expected(tmp_path: Path) -> None:
     path = tmp_path / "x.dbcap"
     path.write_text(HEAD + json.dumps({"t": 0, "rx": "zz"}) + "\n")
     with pytest.raises(CaptureError) as caught:

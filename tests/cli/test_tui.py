@@ -149,7 +149,7 @@ def test_a_drive_whose_replies_are_not_accepted_is_not_called_unseen_and_an_unkn
 ) -> None:
     monkeypatch.setattr(output, "language", lambda: language)
     status = DriveStatus(state=DriveState.UNKNOWN, reason=reason, unusable_reply=unusable_reply)
-    row = drive_row("a", "fan 1", "A", "vc660", 1, status, presence)
+    row = drive_row(status, key="a", name="fan 1", bus="A", model="vc660", address=1, presence=presence)
     text = None if shown is None else i18n.text(shown, language, **STRAY.params)
     assert (row.state_text(), row.fault_cell(), row.to_json(1.0)["reason"]) == (output.text(state), text or "", text)
     assert drive_text(row, 1.0).endswith(text or "–") and row.to_json(1.0)["fault"] is None

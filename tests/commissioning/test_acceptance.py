@@ -200,7 +200,7 @@ def test_an_adapter_that_is_not_found_again_fails(bench: SimulatedBus) -> None:
     assert (found.reason, found.figures) == ("acceptance.bad.unplug", {"noticed": True, "back": False})
 
 
-def test_the_drive_switched_off_and_on(bench: SimulatedBus) -> None:
+def test_the_power_step_passes_only_where_the_drive_was_switched_off_and_on(bench: SimulatedBus) -> None:
     async def power_cycle_drive() -> None:
         await asyncio.sleep(5.0)
         bench.station(1).power_cycle(20.0)

@@ -79,7 +79,7 @@ def test_a_write_is_not_sent_an_hour_after_its_request(save: bool) -> None:
     bus = PureBus(dialect=dialect_for("c320"), station=FakeC320())
     op = OperationContext(context_for(bus.dialect), 0, bus.now - HOUR_S)
     with pytest.raises(Expired):
-        bus.run(write_values(op, {"F0.2": 30.0}, save))
+        bus.run(write_values(op, {"F0.2": 30.0}, save=save))
     assert not bus.sent(sunfar.SunfarWriteParameter)
 
 
@@ -87,7 +87,7 @@ def test_the_rest_of_a_list_of_writes_is_not_sent_after_a_sleep_and_this_is_no_e
     bus = PureBus(dialect=dialect_for("c320"), station=FakeC320())
     asleep_over(bus, lambda ask: ask.request == sunfar.SunfarReadParameter(1, 1, 10))
     outcome = bus.run(
-        write_values(OperationContext(context_for(bus.dialect), 0, bus.now), {"F0.2": 30.0, "F1.10": 2.0}, True)
+        write_values(OperationContext(context_for(bus.dialect), 0, bus.now), {"F0.2": 30.0, "F1.10": 2.0}, save=True)
     )
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_written")
     assert isinstance(outcome.params["why"], Expired) and outcome.params["notation"] == "F1.10"
@@ -105,7 +105,7 @@ def test_a_list_of_writes_that_a_stop_supersedes_names_what_was_written() -> Non
 
     bus.on_request = stop
     values = {"F0.2": 30.0, "F1.10": 2.0, "F6.12": 3.0}
-    outcome = bus.run(write_values(OperationContext(context_for(bus.dialect), 0, bus.now), values, True))
+    outcome = bus.run(write_values(OperationContext(context_for(bus.dialect), 0, bus.now), values, save=True))
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_written")
     assert isinstance(outcome.params["why"], Superseded) and outcome.params["notation"] == "F1.10"
     assert [(key, params["notation"]) for key, params in outcome.notes] == [
@@ -114,14 +114,14 @@ def test_a_list_of_writes_that_a_stop_supersedes_names_what_was_written() -> Non
     ]
     assert len(bus.sent(sunfar.SunfarWriteParameter)) == 1
     with pytest.raises(Superseded):
-        bus.run(write_values(OperationContext(context_for(bus.dialect), 0, bus.now), {"F0.2": 31.0}, True))
+        bus.run(write_values(OperationContext(context_for(bus.dialect), 0, bus.now), {"F0.2": 31.0}, save=True))
 
 
 def test_a_list_of_writes_may_take_longer_than_one_of_them() -> None:
     """Each write has CHECKS_TIMEOUT_S of its own: a long list on a slow bus does not expire."""
     bus = PureBus(dialect=dialect_for("c320"), station=FakeC320(), transaction_s=0.9)
     values = {"F0.2": 30.0, "F1.10": 2.0, "F6.12": 3.0}
-    assert bus.run(write_values(OperationContext(context_for(bus.dialect), 0, bus.now), values, True)).succeeded
+    assert bus.run(write_values(OperationContext(context_for(bus.dialect), 0, bus.now), values, save=True)).succeeded
     assert bus.now > 2 * CHECKS_TIMEOUT_S and len(bus.sent(sunfar.SunfarWriteParameter)) == 3
 
 

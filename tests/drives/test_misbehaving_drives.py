@@ -288,7 +288,7 @@ def test_a_start_is_not_confirmed_by_a_drive_that_does_something_else(state: sun
     bus = PureBus(dialect=dialect_for("c320"), station=FakeC320(state=state))
     op = operation_for(bus.dialect)
     command = op.drive.create_command(CommandKind.START, BusConditions(now=0.0))
-    outcome = bus.run(confirm_start(op, command, bus.dialect.start(None, 2000), None, True))
+    outcome = bus.run(confirm_start(op, command, bus.dialect.start(None, 2000), None, answered=True))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.start_unknown")
     assert outcome.drive_status is not None and outcome.drive_status.state in {
         DriveState.JOGGING,

@@ -84,7 +84,7 @@ def test_the_address_of_a_write_decides_whether_it_is_saved(save: bool, register
     """Each write to EEPROM wears it."""
     profile = twin_profile()
     dialect: Any = create_dialect(profile, 1)
-    request = dialect.write_parameter(profile.parameters["P0-10"], 6000, save).request
+    request = dialect.write_parameter(profile.parameters["P0-10"], 6000, save=save).request
     assert request == modbus.WriteRegister(1, register, 6000)
     frame = dialect.codec.encode_request(request)
     assert dialect.effect(frame) is Effect.SETTING and dialect.is_allowed(frame)

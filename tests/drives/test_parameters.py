@@ -51,7 +51,7 @@ class ParameterBench:
         self.memory = DriveContext(dialect=self.dialect, eeprom_budget=EepromBudget(self.store, "port/1", budget))
 
     def write(self, values: Mapping[str, float | str], save: bool = False, force: bool = False) -> Outcome:
-        return self.bus.run(write_values(OperationContext(self.memory), values, save, force))
+        return self.bus.run(write_values(OperationContext(self.memory), values, save=save, force=force))
 
     def read(self, *names: str) -> dict[str, Reading]:
         return self.bus.run(read_values(OperationContext(self.memory), names))

@@ -41,7 +41,7 @@ class Failing(MemoryStore):
 def saved(store: Failing, values: dict[str, float]) -> tuple[PureBus, Any]:
     bus = PureBus(dialect=dialect_for("c320"), station=FakeC320(), store=store)
     try:
-        return bus, bus.run(write_values(OperationContext(context_for(bus.dialect, store=store)), values, True))
+        return bus, bus.run(write_values(OperationContext(context_for(bus.dialect, store=store)), values, save=True))
     except ConfigurationError as error:
         return bus, error
 

@@ -58,7 +58,9 @@ PRINTED = [
 
 
 @pytest.mark.parametrize(("sent", "request_", "received", "reply"), RECORDED, ids=[row[0] for row in RECORDED])
-def test_recorded_frames(sent: str, request_: HuanyangRequest, received: str, reply: HuanyangReply) -> None:
+def test_recorded_frames_decode_to_their_messages_and_are_encoded_again(
+    sent: str, request_: HuanyangRequest, received: str, reply: HuanyangReply
+) -> None:
     assert CODEC.encode_request(request_) == bytes.fromhex(sent)
     assert CODEC.decode_request(bytes.fromhex(sent)) == Complete(request_, 8)
     assert CODEC.decode_reply(request_, bytes.fromhex(received)) == Complete(reply, len(bytes.fromhex(received)))
@@ -66,7 +68,9 @@ def test_recorded_frames(sent: str, request_: HuanyangRequest, received: str, re
 
 
 @pytest.mark.parametrize(("frame", "request_"), PRINTED, ids=[row[0] for row in PRINTED])
-def test_printed_requests(frame: str, request_: HuanyangRequest) -> None:
+def test_the_requests_printed_in_the_manual_decode_to_their_messages_and_are_encoded_again(
+    frame: str, request_: HuanyangRequest
+) -> None:
     assert CODEC.encode_request(request_) == bytes.fromhex(frame)
     assert CODEC.decode_request(bytes.fromhex(frame)).message == request_  # type: ignore[union-attr]
 
@@ -219,7 +223,7 @@ async def until_confirmed(action: Any) -> None:
 
 @pytest.mark.parametrize("answer", ["state", "echo"])
 @pytest.mark.parametrize("quality", ["clean", "bytes", "loss=0.03", "late=0.02:0.3"])
-def test_the_story_of_a_day(quality: str, answer: str) -> None:
+def test_the_motor_does_what_was_confirmed_on_a_line_of_any_quality(quality: str, answer: str) -> None:
     async def play() -> None:
         async with simulated_drive(quality, answer=answer) as (drive, station):
             await until_confirmed(lambda: drive.run(20.0))
@@ -289,7 +293,8 @@ def test_parameters_of_one_and_two_bytes_are_written_with_their_own_width() -> N
             await drive.write({"PD014": 12.0, "PD023": 0}, save=True)
             assert (station.memory[14], station.memory[23]) == (120, 0)
             frames = [
-                drive.dialect.write_parameter(drive.profile.parameters[name], 1, True) for name in ("PD014", "PD023")
+                drive.dialect.write_parameter(drive.profile.parameters[name], 1, save=True)
+                for name in ("PD014", "PD023")
             ]
             assert [frame.request.width for frame in frames] == [2, 1]
 

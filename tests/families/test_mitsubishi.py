@@ -130,7 +130,7 @@ async def until_confirmed(action: Any, *statuses: OutcomeStatus) -> None:
 
 
 @pytest.mark.parametrize("quality", ["clean", "bytes", "loss=0.03", "late=0.02:0.3"])
-def test_the_story_of_a_day(quality: str) -> None:
+def test_the_motor_does_what_was_confirmed_on_a_line_of_any_quality(quality: str) -> None:
     async def play() -> None:
         async with simulated_drive(quality) as (drive, station):
 

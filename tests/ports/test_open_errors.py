@@ -198,7 +198,7 @@ def test_every_message_has_its_parameters_in_both_languages() -> None:
             assert places[0] == places[1], key
 
 
-def test_the_message_of_a_missing_port(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_message_of_a_missing_port_names_those_that_exist(monkeypatch: pytest.MonkeyPatch) -> None:
     no_ports(monkeypatch, "/dev/ttyUSB1")
     error = open_errors.open_error("/dev/ttyUSB0", FileNotFoundError(errno.ENOENT, "x"))
     assert str(error) == "/dev/ttyUSB0 does not exist; plug the adapter in or use one that exists: /dev/ttyUSB1"

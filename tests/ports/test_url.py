@@ -170,7 +170,7 @@ def test_options_are_words_flags_and_numbers() -> None:
     assert link.number("other", 3, 0.1, 60) == 3
 
 
-def test_the_message_of_a_wrong_port_url() -> None:
+def test_the_message_of_a_wrong_port_url_names_the_value_and_what_is_expected() -> None:
     with pytest.raises(PortUrlError) as caught:
         parse_port_url("COM3?baud=96OO")
     assert str(caught.value) == (

@@ -65,7 +65,7 @@ def test_the_first_fault_is_in_the_params_of_the_error() -> None:
     assert Path(params["file"]).name == "max-read-zero.toml"
 
 
-def test_the_sentence_of_a_rejection() -> None:
+def test_a_rejection_names_file_line_value_and_what_was_expected() -> None:
     error = refusal(REJECTED / "wrong-type.toml")
     at = REJECTED / "wrong-type.toml"
     assert str(error) == (

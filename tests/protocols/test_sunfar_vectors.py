@@ -218,7 +218,9 @@ def test_every_byte_value_in_every_position_of_a_reply_raises_nothing_but_protoc
 
 def test_random_bytes_raise_nothing_but_protocol_errors() -> None:
     chance = random.Random(320)
-    codecs = [SunfarCodec(e, d, n) for e in ("ascii", "hex") for d in ("strict", "tolerant") for n in (False, True)]
+    codecs = [
+        SunfarCodec(e, d, nibble=n) for e in ("ascii", "hex") for d in ("strict", "tolerant") for n in (False, True)
+    ]
     asked = [sunfar.ReadIdentity(0, 0), sunfar.ReadMonitor(5, 0), sunfar.SunfarWriteParameter(5, 1, 2, 3)]
     asked += [sunfar.SunfarControl(5, SunfarOperation.STOP), sunfar.SunfarReadParameter(5, 1, 2)]
     for _ in range(20_000):

@@ -199,10 +199,10 @@ def test_a_write_that_fails_after_its_first_parameter_leaves_an_event_with_what_
     """The first value stays in the drive."""
     send = parameters._write_one
 
-    def write_one(op: Any, wanted: Any, save: bool) -> Any:
+    def write_one(op: Any, wanted: Any, *, save: bool) -> Any:
         if wanted.parameter.notation != "F0.1":
             return op.outcome(OutcomeStatus.FAILED, "drives.write_differs", found=0, notation="F", value=1, unit="")
-        return (yield from send(op, wanted, save))
+        return (yield from send(op, wanted, save=save))
 
     monkeypatch.setattr(parameters, "_write_one", write_one)
 

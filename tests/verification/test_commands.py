@@ -110,7 +110,7 @@ def test_a_stop_confirmed_without_evidence_is_found(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_start_confirmed_without_evidence_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    def at_once(op: Any, *more: Any) -> Any:
+    def at_once(op: Any, *arguments: Any, answered: bool) -> Any:
         yield from ()
         return op.outcome(OutcomeStatus.CONFIRMED, "drives.start_confirmed")
 
@@ -120,7 +120,7 @@ def test_a_start_confirmed_without_evidence_is_found(monkeypatch: pytest.MonkeyP
 
 
 def test_an_unanswered_start_reported_as_acknowledged_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    def at_once(op: Any, *more: Any) -> Any:
+    def at_once(op: Any, *arguments: Any, answered: bool) -> Any:
         yield from ()
         return op.outcome(OutcomeStatus.ACKNOWLEDGED, "drives.start_acknowledged")
 
@@ -150,9 +150,9 @@ def test_a_start_repeated_by_the_bus_is_found(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_a_write_confirmed_without_a_read_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    def at_once(op: Any, wanted: Any, answered: bool, text: Any) -> Any:
+    def at_once(op: Any, write: Any, *, answered: bool, params: Any) -> Any:
         yield from ()
-        return op.outcome(OutcomeStatus.CONFIRMED, "drives.write_confirmed", **text)
+        return op.outcome(OutcomeStatus.CONFIRMED, "drives.write_confirmed", **params)
 
     only(monkeypatch, "dzb100", "df800-rtu")
     monkeypatch.setattr(parameters, "_read_back", at_once)

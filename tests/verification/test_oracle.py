@@ -79,14 +79,14 @@ def test_a_remembered_command_keeps_no_traceback(campaign_run: CampaignRun) -> N
     assert stop.error is not None and stop.error.__traceback__ is stop.error.__cause__ is stop.error.__context__ is None
 
 
-def test_i1_a_motion_without_a_command(campaign_run: CampaignRun) -> None:
+def test_i1_a_motion_without_a_command_is_found(campaign_run: CampaignRun) -> None:
     scenario = make_scenario(campaign_run)
     scenario.loop.run_until_complete(scenario.drives[1].preflight())
     scenario.loop.run_until_complete(scenario.drives[1].run(12.0))
     assert found(campaign_run, "I1")
 
 
-def test_i1_a_motion_after_a_newer_stop(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_i1_a_motion_after_a_newer_stop_is_found(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("drivebus.bus.prepared_request.PreparedRequest.permit_error", lambda job, now: None)
     monkeypatch.setattr(Scheduler, "supersede", lambda scheduler, stations: [])
     monkeypatch.setattr(OperationContext, "check_not_superseded", _always)
@@ -115,7 +115,7 @@ def _granted(inputs: PermitInputs) -> Permit:
 
 
 @pytest.mark.parametrize("variant", [DZB100, DF800], ids=lambda variant: variant.name)
-def test_i2_a_start_that_is_sent_again_blindly(
+def test_i2_a_start_that_is_sent_again_blindly_is_found(
     campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, variant: DriveVariant
 ) -> None:
     """This holds also where the second start finds the motor on and changes nothing."""
@@ -132,7 +132,7 @@ def test_i2_a_start_that_is_sent_again_blindly(
     assert found(campaign_run, "I2")
 
 
-def test_i3_a_stop_that_waits_for_others(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_i3_a_stop_that_waits_for_others_is_found(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
     plain = Scheduler.next
 
     def late(scheduler: Scheduler, now: float) -> Any:
@@ -160,7 +160,7 @@ def test_i3_a_stop_that_waits_for_others(campaign_run: CampaignRun, monkeypatch:
     ],
     ids=["good-for-ever", "calls-itself-new"],
 )
-def test_i4_a_silent_drive_whose_values_stay_good(
+def test_i4_a_silent_drive_whose_values_stay_good_is_found(
     campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, target: str, replacement: Callable[..., object]
 ) -> None:
     """The oracle computes ages itself."""
@@ -173,7 +173,7 @@ def test_i4_a_silent_drive_whose_values_stay_good(
     assert found(campaign_run, "I4")
 
 
-def test_i4_a_reading_whose_time_is_moved(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_i4_a_reading_whose_time_is_moved_is_found(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
     scenario = make_scenario(campaign_run)
     monitor = scenario.monitor(1)
     scenario.run(5.0)
@@ -188,7 +188,7 @@ def _refreshed(status: DriveStatus, now: float) -> DriveStatus:
     return replace(status, readings={name: replace(one, source_time=now) for name, one in status.readings.items()})
 
 
-def test_i5_a_late_reply_that_is_believed(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_i5_an_accepted_late_reply_is_found(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without quarantine and sync probe a late reply is accepted for the next request of its form."""
     monkeypatch.setattr("drivebus.bus.core.BusCore._mark_suspect", lambda core, station, now: None)
     monkeypatch.setattr("drivebus.bus.station.Station.mark_suspect", lambda station, now: None)
@@ -200,7 +200,7 @@ def test_i5_a_late_reply_that_is_believed(campaign_run: CampaignRun, monkeypatch
 
 
 @pytest.mark.parametrize("variant", [C320, C320_HEX, VC660], ids=lambda variant: variant.name)
-def test_i6_a_gap_that_is_too_short(
+def test_i6_a_gap_that_is_too_short_is_found(
     campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, variant: DriveVariant
 ) -> None:
     scenario = make_scenario(campaign_run, variant, range(1, 9))
@@ -211,7 +211,9 @@ def test_i6_a_gap_that_is_too_short(
     assert found(campaign_run, "I6")
 
 
-def test_i6_a_second_request_while_one_is_out(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_i6_a_second_request_while_one_is_out_is_found(
+    campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
     plain = Transaction.__init__
 
     def hasty(transaction: Transaction, *arguments: Any, **named: Any) -> None:
@@ -227,7 +229,7 @@ def test_i6_a_second_request_while_one_is_out(campaign_run: CampaignRun, monkeyp
 
 
 @pytest.mark.parametrize("variant", DRIVE_VARIANTS, ids=lambda variant: variant.name)
-def test_i7_a_frequency_beyond_the_limit(
+def test_i7_a_frequency_beyond_the_limit_is_found(
     campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, variant: DriveVariant
 ) -> None:
     monkeypatch.setattr("drivebus.drives.context.DriveContext._check_limits", lambda memory, hz: None)
@@ -242,7 +244,7 @@ def test_i7_a_frequency_beyond_the_limit(
     [variant for variant in DRIVE_VARIANTS if campaign_of(variant.model).saved_parameters],
     ids=lambda variant: variant.name,
 )
-def test_i7_one_save_more_than_a_day_has(
+def test_i7_one_save_more_than_a_day_has_is_found(
     campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, variant: DriveVariant
 ) -> None:
     """The budget counts days of the wall clock."""
@@ -252,13 +254,13 @@ def test_i7_one_save_more_than_a_day_has(
     with installed_clock(clock):
         scenario = make_scenario(campaign_run, variant)
         for number in range(20):
-            scenario.finish(scenario.command(1, "write", {notation: 10.0 + number}, True))
+            scenario.finish(scenario.command(1, "write", {notation: 10.0 + number}, save=True))
         assert campaign_run.violations == []
-        scenario.finish(scenario.command(1, "write", {notation: 40.0}, True))
+        scenario.finish(scenario.command(1, "write", {notation: 40.0}, save=True))
         assert found(campaign_run, "I7")
         campaign_run.violations.clear()
         clock.jump("+1 h")
-        scenario.finish(scenario.command(1, "write", {notation: 10.0}, True))
+        scenario.finish(scenario.command(1, "write", {notation: 10.0}, save=True))
         assert campaign_run.violations == []
 
 
@@ -276,7 +278,7 @@ def test_i7_one_save_more_than_a_day_has(
     ],
     ids=lambda arguments: getattr(arguments, "name", arguments),
 )
-def test_i7_an_unlisted_address_or_word(variant: DriveVariant, frame: str) -> None:
+def test_i7_an_unlisted_address_or_word_is_rejected(variant: DriveVariant, frame: str) -> None:
     """200BH, an address after the last one, undefined codes, the toggle and a monitor are rejected (T12, T16)."""
     data = bytes.fromhex(frame)
     with pytest.raises(ValueError, match=r"is on no list|no command is"):
@@ -304,7 +306,7 @@ def test_a_write_has_the_content_of_the_manual(
     assert decode_write(variant, _sealed(variant.model, variant.encoding, data)) == content
 
 
-def test_i7_a_write_of_the_c320_that_carries_an_operation() -> None:
+def test_i7_a_write_of_the_c320_that_carries_an_operation_is_rejected() -> None:
     """Class 3 with a run command would start the motor (T01)."""
     with pytest.raises(ValueError, match="carries operation 01"):
         decode_write(C320, _sealed("c320", "ascii", b"*003010000001....\r"))
@@ -317,7 +319,7 @@ def _sealed(family: str, encoding: str, frame: bytes) -> bytes:
     return (SunfarReference(encoding) if family == "c320" else ModbusReference(encoding)).reseal(frame)
 
 
-def test_i8_an_error_that_escapes(campaign_run: CampaignRun) -> None:
+def test_i8_an_error_that_escapes_is_found(campaign_run: CampaignRun) -> None:
     scenario = make_scenario(campaign_run)
 
     def fails(status: Any) -> None:
@@ -329,7 +331,9 @@ def test_i8_an_error_that_escapes(campaign_run: CampaignRun) -> None:
     assert found(campaign_run, "I8")
 
 
-def test_i10_a_start_from_before_the_port_was_lost(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_i10_a_start_from_before_the_port_was_lost_is_found(
+    campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("drivebus.bus.prepared_request.PreparedRequest.permit_error", lambda job, now: None)
     monkeypatch.setattr(BusCore, "on_port_lost", _forgets_nothing)
     monkeypatch.setattr("drivebus.bus.scheduler.Scheduler._reject_if_stale", lambda scheduler, lane, job, now: False)
@@ -355,7 +359,7 @@ def _forgets_nothing(core: BusCore, error: Exception, now: float) -> list[Any]:
     return commands
 
 
-def test_i11_a_read_that_acts(campaign_run: CampaignRun) -> None:
+def test_i11_a_read_that_acts_is_found(campaign_run: CampaignRun) -> None:
     scenario = make_scenario(campaign_run)
     station = scenario.station(1)
     answer = station.handle_request
@@ -370,7 +374,9 @@ def test_i11_a_read_that_acts(campaign_run: CampaignRun) -> None:
     assert found(campaign_run, "I11")
 
 
-def test_i12_requests_remembered_without_limit(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_i12_an_unlimited_memory_of_requests_is_found(
+    campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
     remembered: list[Any] = []
     monkeypatch.setattr(
         BusCore,
@@ -385,7 +391,7 @@ def test_i12_requests_remembered_without_limit(campaign_run: CampaignRun, monkey
     assert found(campaign_run, "I12")
 
 
-def test_i12_a_queue_that_only_grows(campaign_run: CampaignRun) -> None:
+def test_i12_a_queue_that_only_grows_is_found(campaign_run: CampaignRun) -> None:
     scenario = make_scenario(campaign_run)
     with running(scenario.loop):
         for _ in range(500):
@@ -441,7 +447,7 @@ def test_undefined_requests_are_rejected(frame: str) -> None:
         classify_request("c320", "ascii", _sealed("c320", "ascii", bytes.fromhex(frame)))
 
 
-def test_i8_an_error_that_escapes_from_a_command(campaign_run: CampaignRun) -> None:
+def test_i8_an_error_that_escapes_from_a_command_is_found(campaign_run: CampaignRun) -> None:
     async def fails() -> None:
         raise RuntimeError("not ours")
 

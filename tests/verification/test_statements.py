@@ -27,7 +27,7 @@ def found(campaign_run: CampaignRun, text: str) -> bool:
 def plant(monkeypatch: pytest.MonkeyPatch, module: Any, name: str, key: str) -> None:
     """Confirm an operation without evidence."""
 
-    def at_once(op: Any, *more: Any) -> Any:
+    def at_once(op: Any, *arguments: Any, **named: Any) -> Any:
         yield from ()
         return op.outcome(OutcomeStatus.CONFIRMED, key)
 
@@ -52,7 +52,7 @@ def test_a_reset_confirmed_in_a_fault_is_found(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_a_write_confirmed_with_another_value_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    def at_once(op: Any, wanted: Any, answered: bool, params: Any) -> Any:
+    def at_once(op: Any, write: Any, *, answered: bool, params: Any) -> Any:
         yield from ()
         return op.outcome(OutcomeStatus.CONFIRMED, "drives.write_confirmed", **params)
 

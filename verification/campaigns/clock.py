@@ -94,7 +94,8 @@ class ClockTrial:
             for at, what, arguments in events:
                 self.scenario.run(at - self.scenario.loop.time())
                 if what != "jump":
-                    self.scenario.command(arguments[0], what, *arguments[1:])
+                    keywords = {"save": True} if what == "write" else {}
+                    self.scenario.command(arguments[0], what, *arguments[1:], **keywords)
                 elif self.jumps:
                     self.clock.jump(arguments[0])
             self.scenario.run(TRIAL_DURATION_S - self.scenario.loop.time())
@@ -114,7 +115,7 @@ def random_script(variant: DriveVariant, rng: Random, jumps: list[str]) -> list[
             ("run", (address, hz)),
             ("stop", (address,)),
             ("set_frequency", (address, hz)),
-            ("write", (address, value, True)),
+            ("write", (address, value)),
             ("reset_fault", (address,)),
         )
         events.append((at, *rng.choice(commands)))
@@ -193,7 +194,7 @@ class EepromBudgetTrial:
             1,
             "write",
             {written_parameter(self.variant.model).notation: float(1 + scenario.oracle.command_count % 30)},
-            True,
+            save=True,
         )
         scenario.finish(user_command)
         written = memory.eeprom_writes.total() - before

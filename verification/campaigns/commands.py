@@ -153,13 +153,13 @@ class CommandEpisode:
             case "write":
                 parameter = self.written_parameter
                 value = {parameter.notation: float(rng.randrange(1, 20))}
-                user_command = scenario.command(address, what, value, parameter.saved)
+                user_command = scenario.command(address, what, value, save=parameter.saved)
             case "jog":
                 user_command = scenario.command_by(partial(self._jog, address, rng.uniform(0.0, 1.0)), address, what)
             case "reset_fault":
                 user_command = scenario.command(address, what)
             case _:
-                user_command = scenario.command(address, what, rng.random() < 0.7)
+                user_command = scenario.command(address, what, wait=rng.random() < 0.7)
         self.commands.append(user_command)
         assert user_command.task is not None
         user_command.task.add_done_callback(lambda _: self._on_command_ended(user_command))
@@ -280,7 +280,7 @@ class CommandEpisode:
         for user_command in (
             self.scenario.command(address, "run", too_fast),
             self.scenario.command(address, "set_frequency", too_fast),
-            self.scenario.command(address, "write", {parameter.notation: 1e6}, parameter.saved),
+            self.scenario.command(address, "write", {parameter.notation: 1e6}, save=parameter.saved),
         ):
             self.scenario.finish(user_command)
             if user_command.result_word != "LimitError" or user_command.frames_sent:

@@ -127,7 +127,7 @@ class StatementSession:
             "stop": drive.stop,
             "reset_fault": drive.reset_fault,
             "read": partial(drive.read, (parameter.notation,)),
-            "write": partial(drive.write, {parameter.notation: value}, parameter.saved),
+            "write": partial(drive.write, {parameter.notation: value}, save=parameter.saved),
         }[name]
         result: Any = None
         error: DrivebusError | None = None

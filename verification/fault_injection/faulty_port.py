@@ -175,7 +175,7 @@ class PortFailureScenario:
         self.step("set_frequency", 8.0)
         stop = self.step("stop")
         self._check_stopped(stop)
-        self.step("write", {written_parameter(self.variant.model).notation: 7.0}, True)
+        self.step("write", {written_parameter(self.variant.model).notation: 7.0}, save=True)
 
     def monitor(self, address: int) -> None:
         self.scenario.monitor(address, period_s=PORT_POLL_PERIOD_S)
@@ -203,8 +203,8 @@ class PortFailureScenario:
                 self.violation(f"{what} took {self.loop.time() - began:.2f} s")
         return False
 
-    def step(self, what: str, *arguments: Any) -> UserCommand:
-        user_command = self.scenario.command(1, what, *arguments)
+    def step(self, what: str, *arguments: Any, **keywords: Any) -> UserCommand:
+        user_command = self.scenario.command(1, what, *arguments, **keywords)
         self.scenario.finish(user_command, within_s=CALL_MAX_S[what] + CALL_TIMEOUT_S, step_s=0.05)
         if not user_command.succeeded:
             self.scenario.run(REPEATED_CALL_MAX_S)

@@ -230,7 +230,7 @@ def corrupt_reply(run: CellRun, marked: bool) -> Any:
     def act(transmit: WireSend, data: bytes, when: float) -> Any:
         index = run.rng.choice(range(len(data)))
         transmission = transmit(data, when)
-        transmission.corrupt(index, data[index] ^ 1 << run.rng.randrange(8), marked)
+        transmission.corrupt(index, data[index] ^ 1 << run.rng.randrange(8), marked=marked)
         return transmission
 
     return act

@@ -33,7 +33,7 @@ def burst_of_saves(run: CellRun) -> None:
     family = campaign_of(run.variant.model)
     notation, saves = family.saved_parameters[run.variant.model], scenario.station(1).memory.eeprom_writes
     words = [
-        scenario.command_to_end(1, "write", {notation: 10.0 + n}, True).result_word
+        scenario.command_to_end(1, "write", {notation: 10.0 + n}, save=True).result_word
         for n in range(CELL_WRITES_PER_DAY // 2)
     ]
     store = scenario.drives[1]._store
@@ -41,7 +41,7 @@ def burst_of_saves(run: CellRun) -> None:
     scenario.drives[1]._store = scenario.drives[1]._runner._store = store
     scenario.drives[1]._context.eeprom_budget = scenario.drives[1]._eeprom_budget(scenario.drives[1]._context.limits)
     words += [
-        scenario.command_to_end(1, "write", {notation: 30.0 + n}, True).result_word
+        scenario.command_to_end(1, "write", {notation: 30.0 + n}, save=True).result_word
         for n in range(CELL_WRITES_PER_DAY // 2 + 5)
     ]
     scenario.expect(words == ["confirmed"] * CELL_WRITES_PER_DAY + ["EepromBudgetExceeded"] * 5, f"{words}")

@@ -341,7 +341,8 @@ def _check_rejected(scenario: MatrixScenario, code: int | None, error_reply: Cal
     if notation is None:
         command = scenario.command_to_end(1, "set_frequency", 12.0)
     else:
-        command = scenario.command_to_end(1, "write", {notation: 12.0}, notation not in family.matrix.ram_parameters)
+        is_saved = notation not in family.matrix.ram_parameters
+        command = scenario.command_to_end(1, "write", {notation: 12.0}, save=is_saved)
     station.handle_request = answer
     scenario.expect(command.result_word == "refused", f"code {code}: {command.result_word}")
     scenario.expect(

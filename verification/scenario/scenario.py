@@ -150,7 +150,8 @@ class Scenario:
         self, method: Callable[..., Awaitable[Any]], address: int, what: str, *arguments: Any, **keywords: Any
     ) -> UserCommand:
         """Start a user command that is a function of the campaign, for more than one call (a jog and its lease)."""
-        command = self.oracle.on_command(address, what, arguments)
+        shown = (*arguments, *(f"{name}={value}" for name, value in keywords.items()))
+        command = self.oracle.on_command(address, what, shown)
         with running(self.loop):
             command.task = self.loop.create_task(self._execute(command, method, arguments, keywords))
         return command

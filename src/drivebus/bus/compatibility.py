@@ -27,7 +27,7 @@ def sample_frames(config: StationConfig) -> list[bytes]:
     return [config.codec.encode_request(request) for request in requests]
 
 
-def check_compatible(config: StationConfig, others: Iterable[StationConfig], allow_mixed: bool) -> None:
+def check_compatible(config: StationConfig, others: Iterable[StationConfig], *, allow_mixed: bool) -> None:
     """Raise ConfigurationError where a station must not join a bus with ``others``."""
     foreign = [other for other in others if protocol_of(other.codec) != protocol_of(config.codec)]
     if not foreign:

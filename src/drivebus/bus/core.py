@@ -187,7 +187,7 @@ class BusCore:
             raise ConfigurationError("bus.address_taken", address=config.address)
         if config.address == config.codec.broadcast_address:
             raise ConfigurationError("bus.address_broadcast", address=config.address)
-        check_compatible(config, (station.config for station in self.stations.values()), self._allow_mixed)
+        check_compatible(config, (station.config for station in self.stations.values()), allow_mixed=self._allow_mixed)
         effect = config.effect_of(config.codec.encode_request(config.sync_request(0)))
         if effect is not Effect.NONE:
             raise ValueError(f"station {config.address}: a sync request only reads, this one is {effect.value}")
@@ -773,7 +773,12 @@ class BusCore:
             self._end_foreign_request(now)
         after_foreign_request = False
         while data:
-            frame = classify(data, self.stations.values(), after_foreign_request, self.unsolicited.foreign_request)
+            frame = classify(
+                data,
+                self.stations.values(),
+                after_foreign_request=after_foreign_request,
+                foreign_request=self.unsolicited.foreign_request,
+            )
             after_foreign_request = frame.kind is TraceKind.FOREIGN_REQUEST
             if after_foreign_request:
                 self._record_foreign_request(data, received_at, now)
@@ -789,9 +794,13 @@ class BusCore:
         """Return the bytes, with those before them where only both together are a request of another master."""
         joined = self.unsolicited.join_fragment(data, received_at)
         stations = self.stations.values()
-        if not joined or classify(data, stations, False).kind is not TraceKind.UNSOLICITED:
+        if not joined or classify(data, stations, after_foreign_request=False).kind is not TraceKind.UNSOLICITED:
             return data
-        return joined if classify(joined, stations, False).kind is TraceKind.FOREIGN_REQUEST else data
+        return (
+            joined
+            if classify(joined, stations, after_foreign_request=False).kind is TraceKind.FOREIGN_REQUEST
+            else data
+        )
 
     def _record_foreign_request(self, data: bytes, received_at: float, now: float) -> None:
         """Record the request of another master at the start of ``data``, whose reply is due from now on."""

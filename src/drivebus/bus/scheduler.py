@@ -214,12 +214,12 @@ class Scheduler:
         """Remove requests from the queues (not from the poll schedule) and return them."""
         removed: list[PreparedRequest] = []
         for queue in self.queues:
-            found = [prepared for prepared in queue if unwanted(prepared)]
-            for prepared in found:
+            matching = [prepared for prepared in queue if unwanted(prepared)]
+            for prepared in matching:
                 queue.remove(prepared)
                 if isinstance(prepared, PreparedPoll):
                     prepared.retry_queued = False
-            removed += found
+            removed += matching
         return removed
 
     def supersede(self, stations: Iterable[Station]) -> list[PreparedRequest]:

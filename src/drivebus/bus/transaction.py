@@ -35,7 +35,7 @@ class EchoFilter:
 
     __slots__ = ("collided", "matched", "sent", "tentative")
 
-    def __init__(self, sent: bytes, tentative: bool) -> None:
+    def __init__(self, sent: bytes, *, tentative: bool) -> None:
         self.sent = sent
         self.tentative = tentative
         self.matched = 0

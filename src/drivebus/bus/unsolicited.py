@@ -89,7 +89,11 @@ class UnsolicitedFrame(NamedTuple):
 
 
 def classify(
-    data: bytes, stations: Iterable[Station], after_foreign_request: bool, foreign_request: ForeignRequest | None = None
+    data: bytes,
+    stations: Iterable[Station],
+    *,
+    after_foreign_request: bool,
+    foreign_request: ForeignRequest | None = None,
 ) -> UnsolicitedFrame:
     """Classify the beginning of ``data``. ``after_foreign_request``: a reply is the reply to that request.
 

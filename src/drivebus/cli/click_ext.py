@@ -73,12 +73,12 @@ class Option(_FileCompletion, click.Option):
         text = output.text(self.key)
         return text + output.text("cli.for_example", example=self.example) if self.example else text
 
-    def _require_values(self, ctx: click.Context, given: list[Any]) -> None:
+    def _require_values(self, ctx: click.Context, values: list[Any]) -> None:
         """Raise BadOptionUsage where the value is the next option of the command: the value of this one is missing."""
-        known = {
+        option_names = {
             name for param in ctx.command.get_params(ctx) for name in param.opts if isinstance(param, click.Option)
         }
-        if known & {value.partition("=")[0] for value in given if isinstance(value, str)}:
+        if option_names & {value.partition("=")[0] for value in values if isinstance(value, str)}:
             raise click.BadOptionUsage(max(self.opts, key=len), "", ctx)
 
 

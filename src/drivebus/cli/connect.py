@@ -66,14 +66,14 @@ def _option_value(profile: DriveProfile, name: str, text: str) -> Any:
     return value
 
 
-def reject_unknown_option(model: str, name: str, known: Collection[str]) -> None:
+def reject_unknown_option(model: str, name: str, option_names: Collection[str]) -> None:
     """Raise ConfigurationError for an option that the model does not have."""
     from drivebus.errors import ConfigurationError
 
-    if not known:
+    if not option_names:
         raise ConfigurationError("cli.option_none", model=model, found=name)
-    if name not in known:
-        raise ConfigurationError("cli.option_unknown", model=model, found=name, expected=tuple(known))
+    if name not in option_names:
+        raise ConfigurationError("cli.option_unknown", model=model, found=name, expected=tuple(option_names))
 
 
 _BOOLEANS = {"true": True, "yes": True, "on": True, "1": True, "false": False, "no": False, "off": False, "0": False}

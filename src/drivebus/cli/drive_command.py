@@ -168,27 +168,27 @@ def drive_command(
     return RemoteCommand(name, callback=run_stop if stops else run, params=params, examples=examples)
 
 
-def pop_target(given: dict[str, Any]) -> Target:
-    """Take the options of ``options.drive_options()`` out of ``given``."""
-    return Target(**{name: given.pop(name) for name in _PORT_OPTIONS})
+def pop_target(arguments: dict[str, Any]) -> Target:
+    """Take the options of ``options.drive_options()`` out of ``arguments``."""
+    return Target(**{name: arguments.pop(name) for name in _PORT_OPTIONS})
 
 
-def pop_remote_target(given: dict[str, Any]) -> Target | None:
+def pop_remote_target(arguments: dict[str, Any]) -> Target | None:
     """Return the drive of ``--service`` and ``--drive`` with its model and address; None without ``--service``.
 
-    Takes these and the options of a port out of ``given``. Raises ConfigurationError for an option that a service does
-    not take, and for one of the two without the other.
+    Takes these and the options of a port out of ``arguments``. Raises ConfigurationError for an option that a service
+    does not take, and for one of the two without the other.
     """
-    service, drive = given.pop("service", None), given.pop("drive", None)
+    service, drive = arguments.pop("service", None), arguments.pop("drive", None)
     if service is None:
         if drive is not None:
             raise ConfigurationError("service.drive_alone")
         return None
-    reject_local_options(given, _PORT_OPTIONS)
+    reject_local_options(arguments, _PORT_OPTIONS)
     if drive is None:
         raise ConfigurationError("service.no_drive")
     for name in _PORT_OPTIONS:
-        given.pop(name, None)
+        arguments.pop(name, None)
     from drivebus.cli.remote.client import call_once
     from drivebus.service.api.operations.drives import DRIVES_GET, DRIVES_LIST
 
@@ -200,25 +200,25 @@ def pop_remote_target(given: dict[str, Any]) -> Target | None:
     return Target(port=service, model=view["model"], address=view["address"], service=service, drive=drive)
 
 
-def _pop_service_of_group(given: dict[str, Any]) -> str:
-    """Return ``--service``, and take it and the options of one drive or a port out of ``given``.
+def _pop_service_of_group(arguments: dict[str, Any]) -> str:
+    """Return ``--service``, and take it and the options of one drive or a port out of ``arguments``.
 
     Raises ConfigurationError without it, and for an option that a service does not take.
     """
-    service: str | None = given.pop("service")
-    if given.pop("drive") is not None:
+    service: str | None = arguments.pop("service")
+    if arguments.pop("drive") is not None:
         raise ConfigurationError("service.drive_or_group")
     if service is None:
         raise ConfigurationError("service.group_alone")
-    reject_local_options(given, _PORT_OPTIONS)
+    reject_local_options(arguments, _PORT_OPTIONS)
     for name in (*_PORT_OPTIONS, "dry_run"):
-        given.pop(name, None)
+        arguments.pop(name, None)
     return service
 
 
-def reject_local_options(given: dict[str, Any], names: Sequence[str]) -> None:
+def reject_local_options(arguments: dict[str, Any], names: Sequence[str]) -> None:
     """Raise ConfigurationError for an option that a service does not take."""
-    wrong = next((name for name in (*names, *_LOCAL_OPTIONS) if given.get(name) not in (None, False, ())), None)
+    wrong = next((name for name in (*names, *_LOCAL_OPTIONS) if arguments.get(name) not in (None, False, ())), None)
     if wrong is not None:
         raise ConfigurationError("service.not_with", option=f"--{wrong.replace('_', '-')}")
 

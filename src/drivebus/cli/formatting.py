@@ -47,13 +47,13 @@ def format_reading(reading: Reading, entry: Signal | Parameter | None = None) ->
 
 def reading_json(reading: Reading, now: float) -> Json:
     """Return ``{value, unit, quality, age_s}``, and the reason of an absent or uncertain value."""
-    found: Json = {
+    document: Json = {
         "value": reading.value,
         "unit": reading.unit,
         "quality": str(reading.quality),
         "age_s": round_or_none(reading.age_s(now)),
     }
-    return found | ({"reason": output.text(reading.reason)} if reading.reason else {})
+    return document | ({"reason": output.text(reading.reason)} if reading.reason else {})
 
 
 def round_or_none(value: float | None, decimals: int = 3) -> float | None:

@@ -36,8 +36,10 @@ def complete_ports(ctx: click.Context, param: click.Parameter, incomplete: str) 
     """Return the serial ports and the schemes of the other ports that begin so."""
     from drivebus import ports
 
-    found = [str(port.device) for port in ports.list_ports()]
-    return [CompletionItem(name) for name in [*found, "sim://", "tcp://", "rfc2217://"] if name.startswith(incomplete)]
+    devices = [str(port.device) for port in ports.list_ports()]
+    return [
+        CompletionItem(name) for name in [*devices, "sim://", "tcp://", "rfc2217://"] if name.startswith(incomplete)
+    ]
 
 
 def port_argument() -> click.Argument:
@@ -59,7 +61,7 @@ def serial_options() -> list[click.Parameter]:
     ]
 
 
-def model_option(required: bool = True) -> click.Option:
+def model_option(*, required: bool = True) -> click.Option:
     return Option(
         ["--model"],
         required=required,
@@ -206,12 +208,12 @@ class NumberType(_Type):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         try:
-            found = self._number(value)
+            number = self._number(value)
         except (ValueError, OverflowError):
-            found = None
-        if found is None or not self.low <= found <= self.high:
+            number = None
+        if number is None or not self.low <= number <= self.high:
             self.fail(_number_problem(value, self._expected(), param), param, ctx)
-        return found
+        return number
 
     def _number(self, value: Any) -> float:
         """Return the number of a text in ASCII digits: ``1_0`` is none. Raises ValueError."""

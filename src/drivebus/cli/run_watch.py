@@ -42,14 +42,14 @@ class Outage:
         self._reasons.clear()
         return remark
 
-    def add(self, key: str, reason: str, why: Text, now: float) -> Remark | None:
+    def add(self, key: str, reason: str, text: Text, now: float) -> Remark | None:
         """Note a status that failed for a reason; return the remark that is due."""
         is_known = reason in self._reasons
         self._reasons.add(reason)
         if is_known and self._remarked_at is not None and now - self._remarked_at < OUTAGE_REPEAT_S:
             return None
         self._remarked_at = now
-        return Remark(key, {"why": why, "seconds": self._duration_s(now)})
+        return Remark(key, {"why": text, "seconds": self._duration_s(now)})
 
     def _duration_s(self, now: float) -> float:
         return round(now - self._known_at, 1)

@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
 def parse_words(text: str) -> tuple[str, ...]:
     """Parse ``a,b``. Raises ValueError for an empty field: a value may be missing there."""
-    found = tuple(part.strip() for part in text.split(","))
-    if not all(found):
+    words = tuple(part.strip() for part in text.split(","))
+    if not all(words):
         raise ValueError(text)
-    return found
+    return words
 
 
 def parse_models(text: str) -> tuple[str, ...]:
@@ -155,19 +155,19 @@ async def search(request: ScanRequest, listen_s: float) -> list[DetectedDrive] |
     return [drive for drive in progress.found if drive.models]
 
 
-def select_alike(found: list[DetectedDrive], left_out: Callable[[DetectedDrive], None]) -> list[DetectedDrive]:
+def select_alike(detected: list[DetectedDrive], left_out: Callable[[DetectedDrive], None]) -> list[DetectedDrive]:
     """Select one drive per address with the settings, family and encoding of the first; report each other address.
 
     A C320 answers in two encodings: the one found first is taken.
     """
-    if not found:
+    if not detected:
         return []
 
     def kind(drive: DetectedDrive) -> tuple[object, ...]:
         return (drive.settings, drive.family, drive.encoding)
 
-    alike = {drive.address: drive for drive in found if kind(drive) == kind(found[0])}
-    for drive in found:
+    alike = {drive.address: drive for drive in detected if kind(drive) == kind(detected[0])}
+    for drive in detected:
         if drive.address not in alike:
             left_out(drive)
     return [alike[address] for address in sorted(alike)]
@@ -317,12 +317,12 @@ def _note(drive: DetectedDrive) -> str:
     return output.text("scan.alike_steps", steps=output.join(steps, "clauses"))
 
 
-def _scan_table(found: list[DetectedDrive], stream: Any = None) -> str:
-    if not found:
+def _scan_table(detected: list[DetectedDrive], stream: Any = None) -> str:
+    if not detected:
         return output.text("scan.nothing")
     head = [output.text(f"scan.{name}") for name in ("address", "model", "encoding", "serial", "note")]
     encodings: dict[tuple[str, str, str, str], list[str]] = {}
-    for drive in found:
+    for drive in detected:
         if not drive.unreadable:
             models = " / ".join(drive.models) or output.text("scan.unknown")
             row = (str(drive.address), models, str(drive.settings), _note(drive))
@@ -331,16 +331,16 @@ def _scan_table(found: list[DetectedDrive], stream: Any = None) -> str:
         [address, models, output.join(alike, "items"), settings, note]
         for (address, models, settings, note), alike in encodings.items()
     ]
-    return output.fitted_table(head, rows + _unreadable_rows([drive for drive in found if drive.unreadable]), stream)
+    return output.fitted_table(head, rows + _unreadable_rows([drive for drive in detected if drive.unreadable]), stream)
 
 
-def _unreadable_rows(found: list[DetectedDrive]) -> list[list[str]]:
+def _unreadable_rows(detected: list[DetectedDrive]) -> list[list[str]]:
     """Return the rows of addresses that sent bytes without a valid reply: one for all that were tried alike.
 
     An address that sent whole replies has only the settings with which they were received.
     """
     tried: dict[int, list[DetectedDrive]] = {}
-    for drive in found:
+    for drive in detected:
         tried.setdefault(drive.address, []).append(drive)
     addresses: dict[tuple[str, str, str], list[int]] = {}
     for address, drives in sorted(tried.items()):

@@ -44,14 +44,14 @@ def print_service_result(result: Json, service: str) -> ExitCode:
     """
     durations_s = [bus["took_s"] for bus in result["buses"].values() if bus["took_s"] is not None]
     release = output.text("bus_stop.inhibited", service=shlex.quote(service))
-    more = {"seconds": max(durations_s, default=None), "buses": result["buses"]}
-    return print_outcomes(result["outcomes"], more, [release] if result["outcomes"] else [])
+    members = {"seconds": max(durations_s, default=None), "buses": result["buses"]}
+    return print_outcomes(result["outcomes"], members, [release] if result["outcomes"] else [])
 
 
-def print_outcomes(outcomes: Json, more: Json | None = None, notes: Iterable[str] = ()) -> ExitCode:
+def print_outcomes(outcomes: Json, members: Json | None = None, notes: Iterable[str] = ()) -> ExitCode:
     """Print the outcome of the stop of each drive of a service; return the exit code.
 
-    ``more``: further members of the JSON document. ``notes``: further sentences.
+    ``members``: further members of the JSON document. ``notes``: further sentences.
     """
     drives = drives_by_status(outcomes)
     text = result_text(drives, notes)
@@ -61,7 +61,7 @@ def print_outcomes(outcomes: Json, more: Json | None = None, notes: Iterable[str
             "acknowledged": drives["acknowledged"],
             "unconfirmed": drives["unknown"],
             "text": text,
-            **(more or {}),
+            **(members or {}),
             "drives": outcomes,
         }
     )

@@ -184,8 +184,8 @@ async def check_stray_replies(session: AcceptanceSession) -> StepOutcome:
     """Check that 300 reads bring no late, foreign or second reply."""
     async with session.drive() as (bus, drive):
         await session.race(_send_reads(bus, drive, TIMING_READS))
-        found = bus.statistics().counters
-    stray = {name: found.get(name, 0) for name in UNSOLICITED_KINDS}
+        counters = bus.statistics().counters
+    stray = {name: counters.get(name, 0) for name in UNSOLICITED_KINDS}
     return not any(stray.values()), stray
 
 
@@ -198,8 +198,8 @@ async def check_parity(session: AcceptanceSession) -> StepOutcome:
     other = f"{settings.data_bits}{OTHER_PARITY[settings.parity]}{settings.stop_bits}"
     async with session.drive(other) as (bus, drive):
         await session.race(_send_reads(bus, drive, WRONG_PARITY_READS))
-        found = bus.statistics().stations[drive.address]
-    return found.replies == 0, {"format": other, "reads": WRONG_PARITY_READS, "accepted": found.replies}
+        statistics = bus.statistics().stations[drive.address]
+    return statistics.replies == 0, {"format": other, "reads": WRONG_PARITY_READS, "accepted": statistics.replies}
 
 
 async def _send_reads(bus: Bus, drive: Drive, count: int) -> None:

@@ -333,7 +333,7 @@ class ProfileStation(SimulatedStation):
         key = _memory_key(parameter.locator)
         if key not in self.memory.specs:
             return ILLEGAL_REGISTER
-        if self.memory.write_rejection(key, number, self.running) is not None:
+        if self.memory.write_rejection(key, number, running=self.running) is not None:
             return ILLEGAL_VALUE
         self.memory.write(key, number, save=self.profile.write_support.saves(parameter.locator[1], written))
         return 0
@@ -394,15 +394,15 @@ class ProfileStation(SimulatedStation):
 def _parameter_specs(profile: DriveProfile) -> dict[int, ParameterSpec]:
     """Return every readable parameter at its factory setting, or where it meets a precondition or the maximum."""
     default_ramp = ParameterSpec(TENTH_SECONDS.raw(DEFAULT_RAMP_S), 1, 36000)
-    found = {ACCEL_TIME: default_ramp, DECEL_TIME: default_ramp}
+    specs = {ACCEL_TIME: default_ramp, DECEL_TIME: default_ramp}
     accepted = {precondition.notation: precondition.accepted[0] for precondition in profile.preconditions}
     for notation, parameter in profile.parameters.items():
         if parameter.readable:
             initial = accepted.get(notation, _initial_word(profile, parameter))
-            found[_memory_key(parameter.locator)] = ParameterSpec(
+            specs[_memory_key(parameter.locator)] = ParameterSpec(
                 initial, maximum=(1 << 16 * parameter.scale.words) - 1
             )
-    return found
+    return specs
 
 
 def _memory_key(locator: Locator) -> int:
@@ -412,15 +412,15 @@ def _memory_key(locator: Locator) -> int:
 
 def _number_places(profile: DriveProfile) -> dict[Locator, tuple[Locator, int, int]]:
     """Return each register of a number in two: the locator of the number, its place there, and the count."""
-    found: dict[Locator, tuple[Locator, int, int]] = {}
+    places: dict[Locator, tuple[Locator, int, int]] = {}
     entries: list[Signal | Parameter] = [*profile.signals.values(), *profile.parameters.values()]
     spans = [span_of(entry) for entry in entries]
     if profile.commands is not None:
         spans.append(Span("holding", profile.commands.setpoint_register, profile.setpoint_scale.words))
     for span in spans:
         for place in range(span.length):
-            found[span.space, span.start + place] = ((span.space, span.start), place, span.length)
-    return found
+            places[span.space, span.start + place] = ((span.space, span.start), place, span.length)
+    return places
 
 
 def _acknowledged(request: Any) -> int:

@@ -93,8 +93,8 @@ async def try_profile(profile: DriveProfile) -> list[TrialStep]:
 def _distinct(frames: Sequence[TraceEvent]) -> tuple[TraceEvent, ...]:
     """Return the frames without sync probes, and each of the others once."""
     probes = {frame.data for frame in frames if isinstance(frame.message, Diagnostics)}
-    found: dict[tuple[str, bytes], TraceEvent] = {}
+    events: dict[tuple[str, bytes], TraceEvent] = {}
     for frame in frames:
         if frame.data and frame.data not in probes:
-            found.setdefault((frame.direction, frame.data), frame)
-    return tuple(found.values())
+            events.setdefault((frame.direction, frame.data), frame)
+    return tuple(events.values())

@@ -165,9 +165,9 @@ async def scan(
     return progress.found
 
 
-def _remaining_passes(queue: Sequence[ScanPass], found: Sequence[DetectedDrive]) -> list[ScanPass]:
+def _remaining_passes(queue: Sequence[ScanPass], detected: Sequence[DetectedDrive]) -> list[ScanPass]:
     """Return the passes of the serial setting that was answered; all of them as long as none was."""
-    answered = {drive.settings for drive in found if drive.valid_reply}
+    answered = {drive.settings for drive in detected if drive.valid_reply}
     return [each for each in queue if not answered or each.settings in answered]
 
 
@@ -199,12 +199,12 @@ async def _run_pass(
     on_progress(progress)
 
 
-def _is_known(found: Sequence[DetectedDrive], scan_pass: ScanPass, address: int) -> bool:
+def _is_known(detected: Sequence[DetectedDrive], scan_pass: ScanPass, address: int) -> bool:
     """Return whether a drive of this family has answered at this address in another encoding: it is listed once."""
     family = scan_pass.candidates[0].profile.family
     return any(
         drive.valid_reply and (drive.family, drive.address, drive.settings) == (family, address, scan_pass.settings)
-        for drive in found
+        for drive in detected
     )
 
 

@@ -108,10 +108,10 @@ def plan_scan(
     passes: list[ScanPass] = []
     for (family, encoding), candidates in kinds.items():
         needs_8_bits = encoding in protocol_family(family).binary_encodings
-        found = {fixed: True} if fixed else _serial_settings(candidates, rare, bauds, formats)
-        for settings, is_documented in found.items():
+        settings_rarity = {fixed: True} if fixed else _serial_settings(candidates, rare, bauds, formats)
+        for settings, is_documented in settings_rarity.items():
             if fixed or settings.data_bits == 8 or not needs_8_bits:
-                passes += _build_passes(candidates, settings, addresses, is_documented)
+                passes += _build_passes(candidates, settings, addresses, is_documented=is_documented)
     return sorted(passes, key=_search_order)
 
 
@@ -137,7 +137,7 @@ def _serial_settings(
 
     Of a rare model these are its factory setting, in its factory encoding, only.
     """
-    found: dict[SerialSettings, bool] = {}
+    settings_rarity: dict[SerialSettings, bool] = {}
     for candidate in candidates:
         serial = candidate.profile.serial
         own_bauds, own_formats = (serial.baud, *serial.bauds), (serial.format, *serial.formats)
@@ -150,14 +150,15 @@ def _serial_settings(
             is_documented = baud in (bauds or own_bauds)
             for format in formats or own_formats:
                 settings = SerialSettings.parse(baud, format)
-                found[settings] = found.get(settings, False) or is_documented
-    return found
+                settings_rarity[settings] = settings_rarity.get(settings, False) or is_documented
+    return settings_rarity
 
 
 def _build_passes(
     candidates: Sequence[ScanCandidate],
     settings: SerialSettings,
     addresses: Sequence[int] | None,
+    *,
     is_documented: bool,
 ) -> list[ScanPass]:
     """Return one pass over the likely addresses, and one over the others of a documented setting, if there are any."""

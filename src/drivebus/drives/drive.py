@@ -203,6 +203,7 @@ class Drive:
         self,
         frequency_hz: float,
         direction: Direction | str | None = None,
+        *,
         wait: bool = False,
         timeout_s: float | None = None,
         requested_at: float | None = None,
@@ -288,7 +289,7 @@ class Drive:
             return False
         return self.dialect.model_check() is None and not is_offline and not was_lost
 
-    async def stop(self, wait: bool = True) -> Outcome:
+    async def stop(self, *, wait: bool = True) -> Outcome:
         """Stop along the ramp. Raises StopUnconfirmed where the drive does not report it; the stop is then repeated.
 
         The deadline is that of one drive stopped alone: for several at once there is ``stop_bus``.
@@ -299,11 +300,11 @@ class Drive:
         """Stop as one of ``drive_count`` drives of the bus that are stopped at once and read in turns."""
         return await self._stops.stop(StopMode.STOP, drive_count=drive_count)
 
-    async def coast(self, wait: bool = True) -> Outcome:
+    async def coast(self, *, wait: bool = True) -> Outcome:
         """Switch the output off; the motor runs out. Raises CapabilityError where the model has no such command."""
         return await self._stops.stop(StopMode.COAST, wait=wait)
 
-    async def quick_stop(self, wait: bool = True) -> Outcome:
+    async def quick_stop(self, *, wait: bool = True) -> Outcome:
         """Stop by the drive's own fast stop. Not an emergency stop: only a hard-wired STO or SS1 is."""
         return await self._stops.stop(StopMode.QUICK_STOP, wait=wait)
 
@@ -326,7 +327,7 @@ class Drive:
         """Read parameters in the manual's notation or signals by name. Raises ProfileError for an unknown name."""
         return await self._runner.run(parameters.read_values(self._read_context(), tuple(names)))
 
-    async def write(self, values: Mapping[str, float | str], save: bool = False, force: bool = False) -> Outcome:
+    async def write(self, values: Mapping[str, float | str], *, save: bool = False, force: bool = False) -> Outcome:
         """Write parameters to RAM, or with ``save`` to EEPROM; each is read back and named in the outcome's notes.
 
         A value is a number in the parameter's unit, or a text with the raw word in hexadecimal (``0010H``, ``0x10``).
@@ -335,7 +336,9 @@ class Drive:
         write that has not been sent yet.
         """
         with self._runner.command() as op:
-            return raise_for_status(await self._runner.run_command(parameters.write_values(op, values, save, force)))
+            return raise_for_status(
+                await self._runner.run_command(parameters.write_values(op, values, save=save, force=force))
+            )
 
     def open_calibrations(self) -> tuple[CalibrationStep, ...]:
         """Return the calibration steps that are still to be done on this drive, in their order."""

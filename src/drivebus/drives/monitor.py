@@ -155,7 +155,7 @@ class Monitor:
         aged = self._reading_pairs.with_staleness(now, self._validity_s, self._bus.port_opened_at)
         readings = {name: reading for name, reading in aged.items() if name in self._dialect.profile.signals}
         fault = reported_fault(self._dialect.profile, derived)
-        found = DriveStatus(
+        current = DriveStatus(
             state=derived.state,
             direction=derived.direction,
             fault=fault,
@@ -167,7 +167,7 @@ class Monitor:
         # A slow poll has its first turn up to a minute after the start: until then its signals are not read yet.
         is_offline = self._bus.presence(self._dialect.address) is Presence.OFFLINE
         lacks_reply = is_offline or not self._failed <= set(self._requests.values())
-        return complete_status(self._dialect, found, self._names if lacks_reply else ())
+        return complete_status(self._dialect, current, self._names if lacks_reply else ())
 
     def _current_state(self, now: float) -> DerivedState:
         if not self._dialect.reports_run_state:

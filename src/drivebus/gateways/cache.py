@@ -141,8 +141,8 @@ class TopicCache:
         if keys & _BUS_STATE_KEYS if topic.startswith("buses/") else keys - _ROUTINE_KEYS:
             change.urgent.add(topic)
 
-    def _replace_signals(self, topic: str, before: Json, signals: Json, change: TopicChange) -> None:
-        changed = {name for name, value in signals.items() if before.get(name, _MISSING) != value}
+    def _replace_signals(self, topic: str, previous: Json, signals: Json, change: TopicChange) -> None:
+        changed = {name for name, value in signals.items() if previous.get(name, _MISSING) != value}
         change.signals[topic] = changed
-        if any(name not in before or before[name]["quality"] != signals[name]["quality"] for name in changed):
+        if any(name not in previous or previous[name]["quality"] != signals[name]["quality"] for name in changed):
             change.urgent.add(topic)

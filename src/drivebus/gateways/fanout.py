@@ -30,10 +30,10 @@ def matches_topic(topic: str, pattern: str) -> bool:
     if not topic.startswith(first):
         return False
     for part in parts:
-        found = topic.find(part, at)
-        if found < 0:
+        index = topic.find(part, at)
+        if index < 0:
             return False
-        at = found + len(part)
+        at = index + len(part)
     return len(topic) - len(last) >= at and topic.endswith(last)
 
 
@@ -80,10 +80,10 @@ class FanoutGroup:
         self._pending = TopicChange()
 
     def matches(self, topic: str) -> bool:
-        found = self._matches.get(topic)
-        if found is None:
-            found = self._matches[topic] = any(matches_topic(topic, pattern) for pattern in self.patterns)
-        return found
+        is_match = self._matches.get(topic)
+        if is_match is None:
+            is_match = self._matches[topic] = any(matches_topic(topic, pattern) for pattern in self.patterns)
+        return is_match
 
     def join(self, subscriber: Subscriber, *, send_snapshot: bool) -> None:
         """Add a subscriber. What is pending goes to the others first, so that its snapshot is where all of them are.

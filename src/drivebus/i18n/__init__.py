@@ -35,13 +35,13 @@ def add_folder(folder: str | os.PathLike[str]) -> None:
 @cache
 def catalogue(language: str) -> dict[str, str]:
     """Return all texts of a language by key."""
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for folder in _FOLDERS:
         for name in sorted(os.listdir(folder)):  # noqa: PTH208
             if name.endswith(f".{language}.json"):
                 with open(os.path.join(folder, name), encoding="utf-8") as file:  # noqa: PTH118, PTH123
-                    found = json.load(file) | found
-    return found
+                    texts = json.load(file) | texts
+    return texts
 
 
 @cache
@@ -96,11 +96,11 @@ def _close_gaps(sentence: str, values: dict[str, Any], unspaced: re.Pattern[str]
     The catalogue of a language names these letters, for the page too; English has none.
     """
 
-    def close(found: re.Match[str]) -> str:
-        before, place, name, after = found.groups()
+    def close(match: re.Match[str]) -> str:
+        before, place, name, after = match.groups()
         value = str(values.get(name, ""))
-        left, right = sentence[: found.start()][-1:], sentence[found.end() :][:1]
-        if right == "{" and (following := _PLACEHOLDER.match(sentence, found.end())):
+        left, right = sentence[: match.start()][-1:], sentence[match.end() :][:1]
+        if right == "{" and (following := _PLACEHOLDER.match(sentence, match.end())):
             right = str(values.get(following[3], ""))[:1]
         before = "" if unspaced.match(left) and unspaced.match(value[:1]) else before
         after = "" if unspaced.match(value[-1:]) and unspaced.match(right) else after

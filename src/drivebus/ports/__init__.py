@@ -35,11 +35,11 @@ def open_port(
     Raises PortUrlError.
     """
     parsed = parse_port_url(url, baud=baud, format=format, defaults=defaults, **options)
-    found = [entry for entry in entry_points(group="drivebus.ports") if entry.name == parsed.scheme]
-    if not found:
+    entries = [entry for entry in entry_points(group="drivebus.ports") if entry.name == parsed.scheme]
+    if not entries:
         known = tuple(sorted({entry.name for entry in entry_points(group="drivebus.ports")}))
         raise PortUrlError("ports.scheme", port=url, found=parsed.scheme, expected=known, examples=PORT_URL_EXAMPLES)
-    port: Port = found[0].load()(parsed)
+    port: Port = entries[0].load()(parsed)
     return port
 
 

@@ -63,16 +63,16 @@ def describe(
     devices: Iterable[serialx_adapter.Device], by_id: Mapping[str, str], by_path: Mapping[str, str]
 ) -> list[PortInfo]:
     """Return the devices of serialx, with the udev links by real device, as ports sorted by name."""
-    found = list(devices)
-    count = Counter(_usb_identity(device) for device in found)
+    listed = list(devices)
+    count = Counter(_usb_identity(device) for device in listed)
     return sorted(
-        (_describe(device, by_id, by_path, count[_usb_identity(device)] == 1) for device in found),
+        (_describe(device, by_id, by_path, unique=count[_usb_identity(device)] == 1) for device in listed),
         key=lambda port: (len(port.device), port.device),
     )
 
 
 def _describe(
-    device: serialx_adapter.Device, by_id: Mapping[str, str], by_path: Mapping[str, str], unique: bool
+    device: serialx_adapter.Device, by_id: Mapping[str, str], by_path: Mapping[str, str], *, unique: bool
 ) -> PortInfo:
     name = device.resolved_device
     usb = _usb_identity(device)

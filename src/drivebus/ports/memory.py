@@ -30,7 +30,7 @@ class _Wire:
 class MemoryPort:
     """End of a pair of ports; see ``create_pair``."""
 
-    def __init__(self, wire: _Wire, name: str, settings: SerialSettings, has_line_timing: bool) -> None:
+    def __init__(self, wire: _Wire, name: str, settings: SerialSettings, *, has_line_timing: bool) -> None:
         self.settings = settings
         self.capabilities = Capabilities(has_line_timing=has_line_timing)
         self.echo: EchoSetting = "off"
@@ -119,7 +119,9 @@ def create_pair(
     """Return two connected ports, not yet opened: each receives what the other writes."""
     wire = _Wire()
     settings = settings or SerialSettings()
-    return MemoryPort(wire, name, settings, has_line_timing), MemoryPort(wire, name, settings, has_line_timing)
+    return MemoryPort(wire, name, settings, has_line_timing=has_line_timing), MemoryPort(
+        wire, name, settings, has_line_timing=has_line_timing
+    )
 
 
 def open_port(url: PortUrl) -> MemoryPort:

@@ -235,11 +235,11 @@ class Rfc2217Port(SerialServerPort):
                 )
         return (PortNote("ports.rfc2217_unacknowledged", {"names": tuple(missing)}),) if missing else ()
 
-    async def _wait_until(self, done: Callable[[], bool]) -> None:
-        """Wait until ``done`` or the timeout. Raises PortLost where the connection is lost."""
+    async def _wait_until(self, is_done: Callable[[], bool]) -> None:
+        """Wait until ``is_done`` or the timeout. Raises PortLost where the connection is lost."""
         try:
             async with asyncio.timeout(NEGOTIATION_TIMEOUT_S):
-                while not done() and self._failure is None:
+                while not is_done() and self._failure is None:
                     self._server_replied.clear()
                     await self._server_replied.wait()
         except TimeoutError:

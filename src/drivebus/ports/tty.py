@@ -95,10 +95,10 @@ def find_device(path: str, identity: str) -> str:
     """Return the path of the device with that identity. Raises PortUnavailable where it is not plugged in."""
     if not identity or identity.startswith("device:"):
         return path
-    found = next((port.device for port in discover_ports() if port.identity == identity), None)
-    if found is None:
+    device = next((port.device for port in discover_ports() if port.identity == identity), None)
+    if device is None:
         raise PortUnavailable("ports.unplugged", port=path, identity=identity)
-    return found
+    return device
 
 
 def _refuse_if_in_use(path: str, descriptor: SerialDescriptor) -> None:
@@ -189,8 +189,8 @@ def _verify_termios(fd: int, path: str, settings: SerialSettings) -> None:
     raw = iflag == termios.INPCK | termios.PARMRK and not oflag & termios.OPOST
     raw = raw and not lflag & (termios.ICANON | termios.ECHO | termios.ISIG | termios.IEXTEN)
     if not raw or cflag & (termios.CRTSCTS | _CMSPAR):
-        found = f"iflag {iflag:#x}, oflag {oflag:#x}, cflag {cflag:#x}, lflag {lflag:#x}"
-        raise PortUnavailable("ports.flags", port=path, found=found)
+        reported = f"iflag {iflag:#x}, oflag {oflag:#x}, cflag {cflag:#x}, lflag {lflag:#x}"
+        raise PortUnavailable("ports.flags", port=path, found=reported)
     if _format(cflag) != settings.format:
         raise PortUnavailable("ports.format_readback", port=path, expected=settings.format, found=_format(cflag))
     baud = _baud(fd, speed)

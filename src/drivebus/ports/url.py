@@ -84,8 +84,8 @@ class PortUrl:
 
     def echo(self) -> EchoSetting:
         """Return the option ``echo``. Raises PortUrlError."""
-        found = self.choice("echo", ("detect", "on", "off"), "detect")
-        return "on" if found == "on" else "off" if found == "off" else "detect"
+        mode = self.choice("echo", ("detect", "on", "off"), "detect")
+        return "on" if mode == "on" else "off" if mode == "off" else "detect"
 
     def flag(self, name: str) -> bool:
         """Return an option that is on or off, off where it is not given. Raises PortUrlError."""

@@ -147,10 +147,10 @@ def _readable_spaces(profile: ProfileIn) -> list[str]:
     return [space for space, function in READ_FUNCTIONS.items() if function in functions]
 
 
-def _needs_function(path: KeyPath, found: object, *functions: int) -> Issue:
-    required = functions or (READ_FUNCTIONS[str(found)],)
-    shown = " / ".join(map(str, required))
-    return issue("access", path, found, related=(("modbus", "functions"),), what=f"[modbus] functions {shown}")
+def _needs_function(path: KeyPath, value: object, *functions: int) -> Issue:
+    required = functions or (READ_FUNCTIONS[str(value)],)
+    names = " / ".join(map(str, required))
+    return issue("access", path, value, related=(("modbus", "functions"),), what=f"[modbus] functions {names}")
 
 
 def _check_entry(profile: ProfileIn, path: KeyPath, entry: SignalIn | ParameterIn) -> Iterator[Issue]:

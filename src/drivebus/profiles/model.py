@@ -336,7 +336,7 @@ class WriteSupport:
     ram_address_mask: int | None = None
     """Bits of a parameter's address that are 0 in the address that writes RAM only, which can't be read."""
 
-    def address(self, register: int, save: bool) -> int:
+    def address(self, register: int, *, save: bool) -> int:
         """Return the address that writes a parameter, to EEPROM as well where it is to be saved."""
         if save:
             return register | (self.eeprom_address_bit or 0)
@@ -344,7 +344,7 @@ class WriteSupport:
 
     def saves(self, register: int, written: int) -> bool:
         """Return whether a write of a parameter to this address goes to EEPROM."""
-        return not self.ram or (written == self.address(register, True) != self.address(register, False))
+        return not self.ram or (written == self.address(register, save=True) != self.address(register, save=False))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -107,9 +107,9 @@ class ProtocolFamily:
 
 def protocol_family(name: str) -> ProtocolFamily:
     """Return the family of this name. Raises ConfigurationError where there is none, or where it can't be imported."""
-    found = _built_in().get(name) or _registered.get(name)
-    if found is not None:
-        return found
+    family = _built_in().get(name) or _registered.get(name)
+    if family is not None:
+        return family
     for point in _entry_points():
         if point.name == name:
             return _load(point)
@@ -160,10 +160,10 @@ _registered: dict[str, ProtocolFamily] = {}
 
 @cache
 def _built_in() -> dict[str, ProtocolFamily]:
-    found: list[ProtocolFamily] = [resolve(path) for path in BUILT_IN]
-    for family in found:
+    families: list[ProtocolFamily] = [resolve(path) for path in BUILT_IN]
+    for family in families:
         _add_texts(family)
-    return {family.name: family for family in found}
+    return {family.name: family for family in families}
 
 
 def _add_texts(family: ProtocolFamily) -> None:

@@ -253,7 +253,7 @@ class SimulatedBus:
             if frame.address != station.address and not is_broadcast:
                 station.on_foreign_frame(now)
                 continue
-            station.record_gap(frame.silence_s, frame.short_gap)
+            station.record_gap(frame.silence_s, short=frame.short_gap)
             reply = station.handle_frame(
                 frame.message, frame.codec, self.settings, now, error=frame.error, is_broadcast=is_broadcast
             )

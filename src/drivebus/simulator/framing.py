@@ -99,7 +99,7 @@ class FrameReceiver:
         received = self._decode(frame)
         return [received] if received is not None and len(received.frame) == len(frame) else []
 
-    def _begin_frame(self, silence_s: float, short: bool) -> None:
+    def _begin_frame(self, silence_s: float, *, short: bool) -> None:
         self._buffer.clear()
         self._corrupted = False
         self._short_gap = short

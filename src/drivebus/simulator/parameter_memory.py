@@ -56,7 +56,7 @@ class ParameterMemory:
             return RejectReason.UNKNOWN
         return RejectReason.HIDDEN if spec.access is Access.HIDDEN else None
 
-    def write_rejection(self, key: int, value: int, running: bool) -> RejectReason | None:
+    def write_rejection(self, key: int, value: int, *, running: bool) -> RejectReason | None:
         """Return the first reason to reject a write, or None."""
         unreadable = self.read_rejection(key)
         if unreadable is not None:
@@ -70,7 +70,7 @@ class ParameterMemory:
             return RejectReason.RUNNING
         return None if spec.minimum <= value <= spec.maximum else RejectReason.RANGE
 
-    def write(self, key: int, value: int, save: bool) -> None:
+    def write(self, key: int, value: int, *, save: bool) -> None:
         """Write without access checks to RAM, with ``save`` also to EEPROM."""
         self.ram[key] = value
         self.ram_writes[key] += 1

@@ -158,7 +158,7 @@ class SimulatedStation(ABC):
         """Handle a frame for another station that ended at ``now``."""
         return  # most models ignore it
 
-    def record_gap(self, silence_s: float, short: bool) -> None:
+    def record_gap(self, silence_s: float, *, short: bool) -> None:
         """Record the silence before a request."""
         if silence_s < self.shortest_gap_s:
             self.shortest_gap_s = silence_s
@@ -186,7 +186,7 @@ class SimulatedStation(ABC):
         """Run towards a frequency in the set direction."""
         self.motor.run(-frequency_hz if self.reverse else frequency_hz)
 
-    def keypad_run(self, frequency_hz: float, reverse: bool = False) -> None:
+    def keypad_run(self, frequency_hz: float, *, reverse: bool = False) -> None:
         """Start the drive at its keypad."""
         self.setpoint_hz, self.reverse, self.jogging = frequency_hz, reverse, False
         self.run_towards(frequency_hz)

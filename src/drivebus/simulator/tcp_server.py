@@ -62,8 +62,8 @@ class TcpServer:
     @property
     def port(self) -> int:
         """Port number, also where port 0 was requested."""
-        found: int = self._server.sockets[0].getsockname()[1]
-        return found
+        number: int = self._server.sockets[0].getsockname()[1]
+        return number
 
     @property
     def url(self) -> str:

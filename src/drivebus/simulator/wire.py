@@ -59,7 +59,7 @@ class Transmission:
         indices = [index for index in range(first, last) if index not in self.dropped]
         return bytes(self.data[index] for index in indices), sum(index in self.marked for index in indices)
 
-    def corrupt(self, index: int, byte: int, marked: bool) -> None:
+    def corrupt(self, index: int, byte: int, *, marked: bool) -> None:
         """Replace one character, with a line error where ``marked``."""
         if isinstance(self.data, bytes):
             self.data = bytearray(self.data)
@@ -137,7 +137,7 @@ class Wire:
         transmission = Transmission(source, data, start, character_s, start - silent_since)
         quality = self.line_quality
         if foreign or quality.flip or quality.cut_first or quality.cut_last:
-            self._impair(transmission, foreign)
+            self._impair(transmission, foreign=foreign)
         if self._recent:
             self._collide(transmission)
         self._recent.append(transmission)
@@ -192,16 +192,16 @@ class Wire:
         """Return whether an impairment of this probability happens; without one (0) no random number is drawn."""
         return share > 0.0 and self._rng.random() < share
 
-    def _impair(self, transmission: Transmission, foreign: bool) -> None:
+    def _impair(self, transmission: Transmission, *, foreign: bool) -> None:
         quality, rng, size = self.line_quality, self._rng, len(transmission.data)
         if foreign:
             for index in range(size):
-                transmission.corrupt(index, rng.randrange(0, 256), True)
+                transmission.corrupt(index, rng.randrange(0, 256), marked=True)
         if quality.flip > 0.0:
             for index in range(size):
                 if rng.random() < quality.flip:
                     transmission.corrupt(
-                        index, transmission.data[index] ^ 1 << rng.randrange(0, 8), self.settings.parity != "N"
+                        index, transmission.data[index] ^ 1 << rng.randrange(0, 8), marked=self.settings.parity != "N"
                     )
         if size and self._chance(quality.cut_first):
             transmission.dropped.add(0)
@@ -225,7 +225,7 @@ class Wire:
     def _corrupt_overlap(self, transmission: Transmission, index: int) -> None:
         """Corrupt an overlapped character; a parity bit detects every other one."""
         transmission.corrupt(
-            index, self._rng.randrange(0, 256), self.settings.parity != "N" and self._rng.random() < 0.5
+            index, self._rng.randrange(0, 256), marked=self.settings.parity != "N" and self._rng.random() < 0.5
         )
 
     def _drop_ended(self, now: float) -> None:

@@ -68,9 +68,11 @@ def check_codec(
     exchanges = tuple(exchanges)
     for exchange in exchanges:
         report.checks += checks.check_sizes(exchange)
-        report.checks += checks.check_request(exchange, allows_leading_noise, detects_flips)
+        report.checks += checks.check_request(
+            exchange, allows_leading_noise=allows_leading_noise, detects_flips=detects_flips
+        )
         if exchange.received:
-            report.checks += checks.check_reply(exchange, exchanges, allows_leading_noise)
+            report.checks += checks.check_reply(exchange, exchanges, allows_leading_noise=allows_leading_noise)
             accepted = checks.accepted_flips(exchange)
             report.checks += 8 * len(exchange.received)
             if accepted and detects_flips:
@@ -96,7 +98,7 @@ class _CodecChecks:
         _require(exchange, "largest_reply covers every reply", largest >= len(exchange.received), detail=largest)
         return 3
 
-    def check_request(self, exchange: CodecExchange, allows_leading_noise: bool, detects_flips: bool) -> int:
+    def check_request(self, exchange: CodecExchange, *, allows_leading_noise: bool, detects_flips: bool) -> int:
         codec, data = self.codec, exchange.sent
         _require(
             exchange, "encode_request returns the known bytes", codec.encode_request(exchange.request) == data, data
@@ -104,14 +106,16 @@ class _CodecChecks:
         whole = self._decode_whole(exchange, codec.decode_request, data)
         again = codec.encode_request(self.request_of(whole))
         _require(exchange, "a decoded request encodes to the same bytes", again == data, data, again)
-        tried = self._check_parts(exchange, codec.decode_request, data, whole, allows_leading_noise, (data,))
+        tried = self._check_parts(
+            exchange, codec.decode_request, data, whole, allows_leading_noise=allows_leading_noise, followers=(data,)
+        )
         for place, flipped in _flips(data):
             accepted = _accepted_message(codec.decode_request, flipped)
             _require(exchange, "a flipped request is rejected", accepted is None or not detects_flips, flipped, place)
         return tried + 8 * len(data)
 
     def check_reply(
-        self, exchange: CodecExchange, others: tuple[CodecExchange, ...], allows_leading_noise: bool
+        self, exchange: CodecExchange, others: tuple[CodecExchange, ...], *, allows_leading_noise: bool
     ) -> int:
         codec, data = self.codec, exchange.received
 
@@ -122,7 +126,9 @@ class _CodecChecks:
         whole = self._decode_whole(exchange, decode, data)
         _require(exchange, "decode_reply returns the known reply", whole == exchange.reply, data, whole)
         followers = tuple(other.received for other in others if other.received)
-        return self._check_parts(exchange, decode, data, whole, allows_leading_noise, followers)
+        return self._check_parts(
+            exchange, decode, data, whole, allows_leading_noise=allows_leading_noise, followers=followers
+        )
 
     def accepted_flips(self, exchange: CodecExchange) -> list[tuple[int, int]]:
         """Return (byte, bit) of each single flip after which the reply is still accepted."""
@@ -145,6 +151,7 @@ class _CodecChecks:
         decode: Decode,
         data: bytes,
         whole: Any,
+        *,
         allows_leading_noise: bool,
         followers: tuple[bytes, ...],
     ) -> int:
@@ -160,8 +167,8 @@ class _CodecChecks:
             alone = isinstance(decode(data), CompleteIfSilent)
             _require(exchange, "what follows a frame does not change it", same or alone, data + tail, result)
         if not allows_leading_noise:
-            found = _accepted_message(decode, b"\xff" + data)
-            _require(exchange, "a frame counts at offset 0 only", found is None, b"\xff" + data, found)
+            accepted = _accepted_message(decode, b"\xff" + data)
+            _require(exchange, "a frame counts at offset 0 only", accepted is None, b"\xff" + data, accepted)
         return len(data) + len(tails) + self._check_garbage(exchange, decode, data)
 
     def _check_garbage(self, exchange: CodecExchange, decode: Decode, data: bytes) -> int:

@@ -144,12 +144,12 @@ async def _drivebus_error(request: Request, error: Exception) -> Response:
 async def _framework_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     code = _FRAMEWORK_CODES.get(error.status_code, "api.refused")
-    found = build_error_json(code, "HttpError", {"method": request.method, "path": request.url.path})
-    return _response(json.dumps(found, ensure_ascii=False).encode(), error.status_code, error.headers)
+    body = build_error_json(code, "HttpError", {"method": request.method, "path": request.url.path})
+    return _response(json.dumps(body, ensure_ascii=False).encode(), error.status_code, error.headers)
 
 
 async def _internal_error(request: Request, error: Exception) -> Response:
     """Answer without internals; they are in the log."""
     LOG.error("%s %s", request.method, request.url.path, exc_info=error)
-    found = build_error_json("api.unforeseen", "InternalError", {})
-    return _response(json.dumps(found, ensure_ascii=False).encode(), 500)
+    body = build_error_json("api.unforeseen", "InternalError", {})
+    return _response(json.dumps(body, ensure_ascii=False).encode(), 500)

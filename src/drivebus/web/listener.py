@@ -82,5 +82,5 @@ class BoundedListener(socket.socket):
 
 def limited_network(address: str) -> str | None:
     """Return the network whose connections are counted together; None for this machine itself."""
-    found = parse_address(address)
-    return None if found.is_loopback else client_network(found)
+    parsed = parse_address(address)
+    return None if parsed.is_loopback else client_network(parsed)

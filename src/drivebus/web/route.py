@@ -56,8 +56,8 @@ class Route:
         )
 
 
-def _segment_pattern(part: str) -> str:
-    return ".+" if part.endswith(":path}") else "[^/]+"
+def _segment_pattern(segment: str) -> str:
+    return ".+" if segment.endswith(":path}") else "[^/]+"
 
 
 class RouteTable:

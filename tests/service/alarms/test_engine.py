@@ -401,7 +401,7 @@ def test_every_sentence_has_all_its_numbers() -> None:
     assert "Fan: output current is 12.346 A, above 10 A" in texts
 
 
-def test_a_drive_that_reports_ever_other_faults_fills_no_memory_and_the_log_has_all() -> None:
+def test_a_drive_that_reports_a_new_fault_each_time_keeps_few_alarms_in_memory_and_all_in_the_log() -> None:
     log = RecordingAlarmLog()
     alarms = AlarmEngine([], [FAN], log.put)
     for n in range(100):

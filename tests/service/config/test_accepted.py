@@ -90,7 +90,7 @@ def test_every_key_of_a_drive_and_of_the_plant_is_configured() -> None:
         found.drive("unknown")
 
 
-def test_a_user_profile_by_a_path_relative_to_the_file(tmp_path: Path) -> None:
+def test_a_user_profile_is_found_by_a_path_relative_to_the_file(tmp_path: Path) -> None:
     (tmp_path / "spindle.toml").write_text('format = 1\nextends = "vc660"\n[limits]\nmaximum_hz = 400.0\n')
     (tmp_path / "plant.toml").write_text(
         HEAD.replace('model = "vc660"', 'model = "spindle.toml"\nlimits = { maximum_hz = 300.0 }'), encoding="utf-8"
@@ -202,7 +202,7 @@ def test_an_alarm_without_drives_applies_to_all_that_poll_the_signal() -> None:
         'kind = "stale"',
     ],
 )
-def test_thresholds_at_the_bounds_of_a_signals_range(keys: str) -> None:
+def test_thresholds_at_the_bounds_of_a_signals_range_are_accepted(keys: str) -> None:
     assert plant(f'[alarm.x]\ndrives = ["pump"]\nsignal = "temperature"\n{keys}\n').alarms[0].drives == ("pump",)
 
 
@@ -213,7 +213,7 @@ def test_a_signal_without_unit_may_have_an_alarm() -> None:
     assert plant(more).alarms[0].threshold == 5000.0
 
 
-def test_a_group_with_every_key() -> None:
+def test_every_key_of_a_group_is_used() -> None:
     more = (
         '[group.g]\ndrives = ["fan", "pump"]\nleader = "pump"\nratios = { fan = 0.5 }\n'
         'start_interval_s = 2.0\nmax_concurrent_starts = 2\ntitle = "Both"\n'
@@ -226,7 +226,7 @@ def test_a_group_with_every_key() -> None:
 # --- places -------------------------------------------------------------------------------------------------------
 
 
-def test_the_web_gateway_on_every_address_with_a_certificate(tmp_path: Path) -> None:
+def test_the_web_gateway_may_listen_on_every_address_with_a_certificate(tmp_path: Path) -> None:
     for name in ("plant.crt", "plant.key"):
         (tmp_path / name).touch()
     more = '[gateway.web]\nhost = "0.0.0.0"\nport = 0\ncertificate = "plant.crt"\nkey = "plant.key"\norigins = ["https://a.b:8443"]\n'
@@ -238,7 +238,7 @@ def test_the_web_gateway_on_every_address_with_a_certificate(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     "url", ["postgresql://u@127.0.0.1/plant", "postgres://u:p@[::1]:5432/plant", "postgresql:///plant?host=/run/pg"]
 )
-def test_urls_of_databases(url: str) -> None:
+def test_the_url_of_a_database_is_kept_as_written(url: str) -> None:
     assert plant(f'[history]\nurl = "{url}"\n').history.url == url
 
 

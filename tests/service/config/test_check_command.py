@@ -116,7 +116,7 @@ def test_a_missed_requirement_names_the_drive_and_both_numbers(plant: Path) -> N
     assert "drive fan: output_voltage refreshed every 2.14 s, < 2 s required" in result.output
 
 
-def test_requirements_and_figures_as_json(plant: Path) -> None:
+def test_the_json_output_has_each_requirement_with_the_figures_that_violate_it(plant: Path) -> None:
     result = check(plant, "--json", "--assert", "load<=30%")
     found = json.loads(result.stdout)
     assert (result.exit_code, found["exit"], found["valid"]) == (1, 1, True)

@@ -64,13 +64,15 @@ FRAMES += [(model, data[:-1] + b"?", True) for model, data in sent_frames()]  # 
 
 def test_a_frame_is_described_in_words_of_each_language() -> None:
     for model, data, is_request in FRAMES:
-        text = _decode(profiles.load(model), data, is_request)
+        text = _decode(profiles.load(model), data, is_request=is_request)
         assert set(LATIN.findall(CODING.sub("", NUMBER.sub("", text["zh"])))) <= UNITS, text["zh"]
         assert not re.search(r"[a-z]_[a-z]|\b(?:decode|protocols|modbus)\.", text["en"]), text["en"]
 
 
 def test_the_frames_contain_each_kind_of_command() -> None:
-    texts = " ".join(_decode(profiles.load(model), *frame)["zh"] for model, *frame in FRAMES)
+    texts = " ".join(
+        _decode(profiles.load(model), data, is_request=is_request)["zh"] for model, data, is_request in FRAMES
+    )
     wanted = ("decode.field.saves", "decode.word.start", "decode.word.coast", "decode.word.emergency_stop")
     assert [key for key in wanted if i18n.text(key, "zh") not in texts] == []
 
@@ -90,7 +92,7 @@ def test_a_word_on_the_page_has_the_notation_of_the_manuals_as_in_decode(registe
     data = modbus.ModbusRtuCodec().encode_request(modbus.WriteRegister(1, register, value))
     words = ((register, "register"), (value, "value"))
     for language in i18n.LANGUAGES:
-        shown = _decode(profiles.load("vc660"), data, True)[language]
+        shown = _decode(profiles.load("vc660"), data, is_request=True)[language]
         for word, name in words:
             label = i18n.text(f"decode.field.{name}", language)
             assert f"{label} {word} ({word:04X}H)" in shown

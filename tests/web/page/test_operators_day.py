@@ -34,7 +34,9 @@ def running(stage: Stage, drive: str) -> bool:
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
-def test_the_operators_day(stage: Stage, visit: Any, language: str) -> None:
+def test_an_operator_acknowledges_resets_runs_and_stops_all_also_after_a_lost_server(
+    stage: Stage, visit: Any, language: str
+) -> None:
     """Log in, see a trip, acknowledge, reset, run, change the setpoint, see the trend, stop all, lose the server and
     regain it."""
 

@@ -47,9 +47,9 @@ def _list(plant: str | None, drive: str | None, limit: int) -> ExitCode:
 
     places, titles = _places(plant), _titles(plant)
     with _readable_trail(places.folder):
-        found = query_records(places, from_ms=0, to_ms=MAX_TIME_MS, drive=drive, cursor=None, limit=limit)
-    items = [described(item, titles) for item in found["items"]]
-    output.print_json(found | {"items": items})
+        page = query_records(places, from_ms=0, to_ms=MAX_TIME_MS, drive=drive, cursor=None, limit=limit)
+    items = [described(item, titles) for item in page["items"]]
+    output.print_json(page | {"items": items})
     head = [output.text(f"audit.command.head.{name}") for name in ("n", "time", "who", "what", "outcome")]
     output.print_text(output.fitted_table(head, [_row(item) for item in items]))
     return ExitCode.DONE
@@ -97,10 +97,10 @@ def _state_directory(plant: str | None) -> tuple[Path, AuditConfig]:
         from drivebus.service.config.build import state_directory
 
         plants = state_directory("x").parent
-        found = sorted(one for one in plants.iterdir() if one.is_dir()) if plants.is_dir() else []
-        if len(found) != 1:
-            raise ConfigurationError("audit.command.which", plants=tuple(one.name for one in found) or "-")
-        return found[0], AuditConfig()
+        directories = sorted(one for one in plants.iterdir() if one.is_dir()) if plants.is_dir() else []
+        if len(directories) != 1:
+            raise ConfigurationError("audit.command.which", plants=tuple(one.name for one in directories) or "-")
+        return directories[0], AuditConfig()
     if Path(plant).suffix != ".toml":
         return Path(plant), AuditConfig()
     from drivebus.service.config.load import load

@@ -78,26 +78,26 @@ async def _run_step(session: CalibrationSession, step: CalibrationStep) -> ExitC
     if not await session.confirmed(step.question, **step.question_params):
         return ExitCode.INTERRUPTED
     calibration = session.drive.calibrate(step.name, observe)
-    found = await (_run_motion(session, calibration) if step.moves else calibration)
-    if found is None:
+    result = await (_run_motion(session, calibration) if step.moves else calibration)
+    if result is None:
         return ExitCode.INTERRUPTED
     with output.continue_without_output():  # the motor has moved, and the result is stored
-        if found.outcome is not None:
-            print_outcome(found.outcome, session.bus.now(), event="jogged", stream=True)
-        return _print_result(session, step, found)
+        if result.outcome is not None:
+            print_outcome(result.outcome, session.bus.now(), event="jogged", stream=True)
+        return _print_result(session, step, result)
 
 
 async def _run_motion(session: CalibrationSession, step: Awaitable[T]) -> T | None:
     """Run a step that moves the motor; stop the drive if it ends early. None: the user ended it."""
     try:
-        found = await session.shutdown.interruptible(step)
+        result = await session.shutdown.interruptible(step)
     except BaseException as error:
         if must_stop_after(error):
             await _stop(session)
         raise
-    if found is None:
+    if result is None:
         await _stop(session)
-    return found
+    return result
 
 
 async def _stop(session: CalibrationSession) -> None:
@@ -107,24 +107,24 @@ async def _stop(session: CalibrationSession) -> None:
         print_outcome(outcome, session.bus.now(), event="stopped", stream=True)
 
 
-def _print_result(session: CalibrationSession, step: CalibrationStep, found: CalibrationResult) -> ExitCode:
+def _print_result(session: CalibrationSession, step: CalibrationStep, result: CalibrationResult) -> ExitCode:
     """Print what is still open, or the options that were determined and whether they are stored."""
     from drivebus.drives.drive import VOLATILE_SCHEMES
 
-    words = [f"{word:04X}H" for word in found.words]
-    if not found.options:
+    words = [f"{word:04X}H" for word in result.words]
+    if not result.options:
         output.print_json(
-            {"event": "open", "option": step.option, "left": found.candidates, "words": words}, stream=True
+            {"event": "open", "option": step.option, "left": result.candidates, "words": words}, stream=True
         )
         if step.observation_question is not None:
             output.print_message("calibrate.unseen")
         else:
-            codings, shown = output.join(found.candidates, "items"), output.join(words, "items")
+            codings, shown = output.join(result.candidates, "items"), output.join(words, "items")
             output.print_message("calibrate.open", option=step.option, codings=codings, words=shown)
         return ExitCode.FAILED
     stored = session.bus.port.url.partition(":")[0] not in VOLATILE_SCHEMES
-    output.print_json({"event": "calibrated", "options": found.options, "stored": stored, "words": words}, stream=True)
-    for name, value in found.options.items():
+    output.print_json({"event": "calibrated", "options": result.options, "stored": stored, "words": words}, stream=True)
+    for name, value in result.options.items():
         output.print_message("calibrate.result", option=name, value=str(value).lower())
     output.print_message("calibrate.stored" if stored else "calibrate.not_stored")
     return ExitCode.DONE

@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from drivebus.commissioning.decode.framing import CapturedFrame
 
 
-def _export(file: str, pcapng: str, force: bool, all_modbus: bool) -> None:
+def _export(*, file: str, pcapng: str, force: bool, all_modbus: bool) -> None:
     from drivebus.capture.dbcap import read_capture
     from drivebus.commissioning import wireshark
     from drivebus.commissioning.decode.framing import split_frames
 
     capture = read_capture(file)
-    frames = split_frames(capture, all_modbus)
+    frames = split_frames(capture, all_modbus=all_modbus)
     comment = output.text("capture.export.comment", options=wireshark.WIRESHARK_OPTIONS, file=Path(file).name)
-    _write(Path(pcapng), wireshark.encode_wireshark(capture, frames, comment), force)
+    _write(Path(pcapng), wireshark.encode_wireshark(capture, frames, comment), force=force)
     _print_result(file, pcapng, capture, frames)
 
 
@@ -52,7 +52,7 @@ def _counts(frames: list[CapturedFrame]) -> dict[str, int]:
     return {"frames": count, "sent": count - received, "received": received, "modbus": modbus, "other": count - modbus}
 
 
-def _write(out: Path, data: bytes, force: bool) -> None:
+def _write(out: Path, data: bytes, *, force: bool) -> None:
     """Write a complete new file or none; ``force`` replaces an old one. Raises CaptureError."""
     from drivebus.capture.dbcap import CaptureError
     from drivebus.errors import SystemReason

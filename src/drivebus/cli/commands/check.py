@@ -63,21 +63,26 @@ def _check(plant: str, requirements: tuple[LoadRequirement, ...]) -> ExitCode:
         output.print_note("plant_check.warning", text=error.text(output.language()))
     if lacks_asyncpg:
         output.print_note("history.no_asyncpg")
-    for requirement, found in missed.items():
-        if not found:
+    for requirement, missed_values in missed.items():
+        if not missed_values:
             output.print_message("plant_check.met", requirement=requirement.text)
-        for violation in found:
+        for violation in missed_values:
             output.print_note(f"plant_check.missed_{requirement.quantity}", **_violation_params(violation))
     return code
 
 
 def _violation_params(violation: RequirementViolation) -> dict[str, Any]:
     requirement = violation.requirement
-    found, limit = (
+    estimate, limit = (
         f"{value:.1f} %" if requirement.quantity == "load" else format_seconds(value)
         for value in (violation.found, requirement.limit)
     )
-    return {"name": violation.name, "signal": violation.signal, "found": found, "limit": f"{requirement.sign} {limit}"}
+    return {
+        "name": violation.name,
+        "signal": violation.signal,
+        "found": estimate,
+        "limit": f"{requirement.sign} {limit}",
+    }
 
 
 def format_seconds(value_s: float) -> str:
@@ -168,10 +173,12 @@ def _document(
     requirements = [
         {
             "requirement": requirement.text,
-            "met": not found,
-            "violations": [{"name": one.name, "signal": one.signal, "found": round(one.found, 6)} for one in found],
+            "met": not violations,
+            "violations": [
+                {"name": one.name, "signal": one.signal, "found": round(one.found, 6)} for one in violations
+            ],
         }
-        for requirement, found in missed.items()
+        for requirement, violations in missed.items()
     ]
     return {
         "file": config.source,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 ANSWER_POLL_PERIOD_S = 0.5
 
 
-def _request(service: str, drive: str, reason: str | None, hold: bool) -> ExitCode:
+def _request(service: str, drive: str, reason: str | None, *, hold: bool) -> ExitCode:
     """Ask, wait for the answer, and with ``hold`` keep control until Ctrl-C."""
 
     async def ask() -> ExitCode:
@@ -32,7 +32,7 @@ def _request(service: str, drive: str, reason: str | None, hold: bool) -> ExitCo
             if answer["state"] != "granted":
                 return ExitCode.FAILED
             if client.is_local or hold:
-                await _use_control(client, drive, hold)
+                await _use_control(client, drive, hold=hold)
             return ExitCode.DONE
 
     async def interruptible() -> ExitCode:
@@ -52,9 +52,9 @@ async def _ask(client: RemoteClient, drive: str, reason: str | None) -> Json:
 
     making = asyncio.ensure_future(client.call(CONTROL_REQUEST_MAKE.name, {"drive": drive, "reason": reason}))
     try:
-        found = await asyncio.shield(making)
-        made: Json = found["control_request"]
-        output.print_note("control.asked", drive=drive, owner=found["lease"]["owner"])
+        reply = await asyncio.shield(making)
+        made: Json = reply["control_request"]
+        output.print_note("control.asked", drive=drive, owner=reply["lease"]["owner"])
         while True:
             request: Json | None = (await client.call(DRIVES_GET.name, {"drive": drive}))["control_request"]
             if request is None or request["id"] != made["id"]:
@@ -68,7 +68,7 @@ async def _ask(client: RemoteClient, drive: str, reason: str | None) -> Json:
         raise
 
 
-async def _use_control(client: RemoteClient, drive: str, hold: bool) -> None:
+async def _use_control(client: RemoteClient, drive: str, *, hold: bool) -> None:
     """Renew control until the command is interrupted, then release it; without ``hold`` release it at once.
 
     On the socket of the service each command has a session of its own, and takes control that is free.

@@ -35,8 +35,8 @@ def parse_hex(text: str) -> bytes:
 
 def _join_words(ctx: click.Context, param: click.Parameter, parts: tuple[str, ...]) -> bytes:
     """Join the words of the shell to one frame."""
-    found: bytes = HEX.convert(" ".join(parts), param, ctx)
-    return found
+    data: bytes = HEX.convert(" ".join(parts), param, ctx)
+    return data
 
 
 HEX = options.ParsedType("hex", parse_hex, "cli.expect.hex")
@@ -46,52 +46,54 @@ def _decode(hex: bytes, model: str, encoding: str | None, direction: str | None,
     from drivebus.commissioning.decode.describe import describe_frame
 
     data = hex
-    found = describe_frame(model, data, encoding=encoding, direction=direction, request=request)
-    output.print_json(description_json(model, data, found))
-    output.print_text(description_text(model, data, found))
-    return ExitCode.DONE if found.valid else ExitCode.INVALID_FRAME
+    description = describe_frame(model, data, encoding=encoding, direction=direction, request=request)
+    output.print_json(description_json(model, data, description))
+    output.print_text(description_text(model, data, description))
+    return ExitCode.DONE if description.valid else ExitCode.INVALID_FRAME
 
 
-def description_json(model: str, data: bytes, found: FrameDescription) -> dict[str, Any]:
+def description_json(model: str, data: bytes, description: FrameDescription) -> dict[str, Any]:
     """Return the JSON of a frame; ``fields`` has at least the keys of the test vectors."""
     from drivebus.commissioning.decode.describe import alternative_fields
 
-    other = alternative_fields(found)
+    other = alternative_fields(description)
     return {
         "model": model,
-        "family": found.family,
-        "encoding": found.encoding,
-        "direction": found.direction,
-        "valid": found.valid,
+        "family": description.family,
+        "encoding": description.encoding,
+        "direction": description.direction,
+        "valid": description.valid,
         "hex": data,
-        "fields": dict(found.fields),
-        "problems": _sentences(found.problems),
-        "errata": _sentences(found.errata),
-        "hazards": _sentences(found.hazards),
-        "canonical_hex": found.canonical,
+        "fields": dict(description.fields),
+        "problems": _sentences(description.problems),
+        "errata": _sentences(description.errata),
+        "hazards": _sentences(description.hazards),
+        "canonical_hex": description.canonical,
         "ambiguous": other is not None,
         "meant": None if other is None else dict(other),
-        "interpretations": [{"text": _sentence(one.note), "fields": dict(one.fields)} for one in found.interpretations],
+        "interpretations": [
+            {"text": _sentence(one.note), "fields": dict(one.fields)} for one in description.interpretations
+        ],
     }
 
 
-def description_text(model: str, data: bytes, found: FrameDescription) -> str:
+def description_text(model: str, data: bytes, description: FrameDescription) -> str:
     """Format the explanation of a frame."""
     from drivebus.cli.output import two_columns
 
-    verdict = output.text("decode.valid" if found.valid else "decode.invalid")
-    way = output.text(f"decode.{found.direction}")
-    lines = [output.text("decode.title", model=model, encoding=found.encoding, direction=way, verdict=verdict)]
+    verdict = output.text("decode.valid" if description.valid else "decode.invalid")
+    way = output.text(f"decode.{description.direction}")
+    lines = [output.text("decode.title", model=model, encoding=description.encoding, direction=way, verdict=verdict)]
     lines.append(f"  {output.to_json_value(data)}")
-    if found.fields:
-        rows = [(field_label(name), field_text(name, value)) for name, value in found.fields.items()]
+    if description.fields:
+        rows = [(field_label(name), field_text(name, value)) for name, value in description.fields.items()]
         lines += ["", two_columns(rows, output.page_cells())]
     for kind in ("problems", "errata", "hazards"):
-        texts = [output.text(f"decode.{kind}", text=text) for text in _sentences(getattr(found, kind))]
+        texts = [output.text(f"decode.{kind}", text=text) for text in _sentences(getattr(description, kind))]
         lines += [output.wrap_for(one, sys.stdout) for one in texts]
-    if found.canonical is not None and found.canonical != data:
-        lines.append(output.text("decode.canonical", hex=output.to_json_value(found.canonical)))
-    lines += [output.wrap_for(_alternative_text(one), sys.stdout) for one in found.interpretations]
+    if description.canonical is not None and description.canonical != data:
+        lines.append(output.text("decode.canonical", hex=output.to_json_value(description.canonical)))
+    lines += [output.wrap_for(_alternative_text(one), sys.stdout) for one in description.interpretations]
     return "\n".join(lines)
 
 

@@ -8,13 +8,13 @@ from drivebus.cli.extras import require_extra
 from drivebus.cli.options import PERIOD, CheckedType, NumberType
 
 
-def _demo(terminal: bool, plain: bool, memory: bool, period: float, port: int) -> ExitCode:
+def _demo(*, terminal: bool, plain: bool, memory: bool, period: float, port: int) -> ExitCode:
     if terminal or plain or memory:
         from drivebus.cli.demo.terminal import DemoClient
         from drivebus.cli.tui.view import run_view
 
-        client = DemoClient(memory)
-        return run_view(client, client, plain, period)
+        client = DemoClient(memory=memory)
+        return run_view(client, client, plain=plain, period_s=period)
     require_extra("server")
     from drivebus.cli.demo.host import run_demo
 

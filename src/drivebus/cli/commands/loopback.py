@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 MAX_LOOPBACKS = 10_000
 
 
-def _run(count: int, dry_run: bool, **given: Any) -> ExitCode:
+def _run(*, count: int, dry_run: bool, **given: Any) -> ExitCode:
     import asyncio
 
     target = pop_target(given)

@@ -17,10 +17,10 @@ def _models(search: str) -> ExitCode:
 
     all_models = list(list_models())
     refused = [one for one in all_models if isinstance(one, ProfileError)]
-    found = [_row(one) for one in all_models if not isinstance(one, ProfileError) and matches_search(one, search)]
+    rows = [_row(one) for one in all_models if not isinstance(one, ProfileError) and matches_search(one, search)]
     code = ExitCode.USAGE if refused else ExitCode.DONE
-    output.print_json({"models": found, "refused": [error_json(one)["error"] for one in refused], "exit": int(code)})
-    output.print_text(_table(found) if found else output.text("models.none", search=search))
+    output.print_json({"models": rows, "refused": [error_json(one)["error"] for one in refused], "exit": int(code)})
+    output.print_text(_table(rows) if rows else output.text("models.none", search=search))
     output.print_text(paragraphs(output.text("models.grades"), output.page_cells(), indent=0))
     for one in refused:
         print_error(one)
@@ -32,7 +32,7 @@ def _row(summary: dict[str, Any]) -> dict[str, Any]:
     return summary | {name: output.to_json_value(summary[name]) for name in ("title", "maker")}
 
 
-def _table(found: list[dict[str, Any]]) -> str:
+def _table(models: list[dict[str, Any]]) -> str:
     head = [output.text(f"models.{name}") for name in ("model", "maker", "title", "encodings", "line", "grade")]
     rows = [
         [
@@ -43,7 +43,7 @@ def _table(found: list[dict[str, Any]]) -> str:
             f"{row['serial']['baud']} {row['serial']['format']}",
             row["grade"],
         ]
-        for row in found
+        for row in models
     ]
     return output.fitted_table(head, rows)
 

@@ -65,10 +65,10 @@ class MonitorOptions:
     def run_view(self, source: RowSource) -> ExitCode:
         from drivebus.cli.tui.view import run_view
 
-        return run_view(source, None, self.plain, self.period, self.duration)
+        return run_view(source, None, plain=self.plain, period_s=self.period, duration_s=self.duration)
 
 
-def _monitor(dry_run: bool, service: str | None, **given: Any) -> ExitCode:
+def _monitor(*, dry_run: bool, service: str | None, **given: Any) -> ExitCode:
     if service is not None:
         return _monitor_service(service, {**given, "address": given["addresses"], "dry_run": dry_run})
     chosen = MonitorOptions(**given)
@@ -79,12 +79,18 @@ def _monitor(dry_run: bool, service: str | None, **given: Any) -> ExitCode:
     return _play_capture(chosen) if chosen.is_capture else _monitor_bus(chosen)
 
 
-def _monitor_service(service: str, given: dict[str, Any]) -> ExitCode:
+def _monitor_service(service: str, options: dict[str, Any]) -> ExitCode:
     from drivebus.cli.tui.service_source import ServiceRowSource
     from drivebus.cli.tui.view import run_view
 
-    reject_local_options(given, ("model", "address", "baud", "format", "encoding", "record"))
-    return run_view(ServiceRowSource(service), None, given["plain"], given["period"], given["duration"])
+    reject_local_options(options, ("model", "address", "baud", "format", "encoding", "record"))
+    return run_view(
+        ServiceRowSource(service),
+        None,
+        plain=options["plain"],
+        period_s=options["period"],
+        duration_s=options["duration"],
+    )
 
 
 def _play_capture(chosen: MonitorOptions) -> ExitCode:
@@ -115,17 +121,17 @@ def _monitor_bus(chosen: MonitorOptions) -> ExitCode:
         profile = profiles.load(chosen.model)
         stations = [(profile, chosen.encoding, address) for address in chosen.addresses]
     else:
-        found = asyncio.run(search(chosen.scan_request(), LISTEN_S)) or []
-        if not found:
+        detected = asyncio.run(search(chosen.scan_request(), LISTEN_S)) or []
+        if not detected:
             output.print_message("scan.nothing")
             return ExitCode.FAILED
-        alike = select_alike(found, _report_left_out)
+        alike = select_alike(detected, _report_left_out)
         if chosen.model is None:
             note_look_alikes(alike)
             assumed = [drive.address for drive in alike if drive.doubtful]
             notes = [*assumed_models_texts(alike), output.text("monitor.assumed")] if assumed else []
         stations = [(profiles.load(chosen.model or drive.models[0]), drive.encoding, drive.address) for drive in alike]
-        baud, format = found[0].settings.baud, found[0].settings.format
+        baud, format = detected[0].settings.baud, detected[0].settings.format
     port = open_port(chosen.source, stations[0][0], baud, format)
     title = output.text("monitor.title", port=chosen.source, serial=port.settings, count=len(stations))
     with record_port(port, chosen.record) as recorded:

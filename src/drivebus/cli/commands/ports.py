@@ -18,21 +18,21 @@ def _ports() -> None:
     from drivebus import ports
     from drivebus.ports import latency_timer
 
-    found = ports.list_ports()
-    output.print_json({"ports": [asdict(port) for port in found]})
-    if found:
-        output.print_text(ports_table(found))
-        for port in found:
+    port_infos = ports.list_ports()
+    output.print_json({"ports": [asdict(port) for port in port_infos]})
+    if port_infos:
+        output.print_text(ports_table(port_infos))
+        for port in port_infos:
             if port.latency_ms is not None and port.latency_ms > latency_timer.LOW_LATENCY_MS:
                 output.print_note("ports.latency", device=Path(port.device).name, ms=port.latency_ms)
     else:
         output.print_message("ports_command.none")
 
 
-def ports_table(found: list[PortInfo]) -> str:
+def ports_table(port_infos: list[PortInfo]) -> str:
     """Format one row per port."""
     head = [output.text(f"ports_command.{name}") for name in ("device", "description", "url", "used_by")]
-    return output.fitted_table(head, [[port.device, port.description, port.url, _users(port)] for port in found])
+    return output.fitted_table(head, [[port.device, port.description, port.url, _users(port)] for port in port_infos])
 
 
 def _users(port: PortInfo) -> str:

@@ -7,11 +7,11 @@ from drivebus.cli.click_ext import CliCommand
 from drivebus.cli.errors import ExitCode
 
 
-def _release(service: str, drives: tuple[str, ...], group: str | None, everything: bool) -> ExitCode:
+def _release(*, service: str, drives: tuple[str, ...], group: str | None, everything: bool) -> ExitCode:
     from drivebus.cli.remote.selection import call_on_selection, print_results
     from drivebus.service.api.operations.selections import START_INHIBITS_RELEASE
 
-    outcomes = call_on_selection(service, START_INHIBITS_RELEASE, drives, group, everything)
+    outcomes = call_on_selection(service, START_INHIBITS_RELEASE, drives, group, everything=everything)
     return print_results(outcomes, "released", "release.done", "release.nothing")
 
 

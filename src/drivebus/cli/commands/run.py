@@ -48,11 +48,11 @@ class RunOptions:
     detach: bool
 
 
-async def _run(target: Target, frequency: float, reverse: bool, wait: bool, detach: bool) -> ExitCode:
+async def _run(target: Target, frequency: float, *, reverse: bool, wait: bool, detach: bool) -> ExitCode:
     from drivebus.cli.signals import shutdown_signals
     from drivebus.errors import ControlNotHeld
 
-    chosen = RunOptions(frequency_hz=frequency, direction=_direction(reverse), wait=wait, detach=detach)
+    chosen = RunOptions(frequency_hz=frequency, direction=_direction(reverse=reverse), wait=wait, detach=detach)
     requested_at = monotonic_now()
     with shutdown_signals(may_suspend=False) as shutdown:
         async with connect.open_drive(target) as (bus, drive):
@@ -102,7 +102,7 @@ async def _start_and_watch(bus: Bus, drive: Drive, shutdown: ShutdownSignal, cho
         return report_error(error)
 
 
-def _direction(reverse: bool) -> Direction | None:
+def _direction(*, reverse: bool) -> Direction | None:
     from drivebus.drives.state import Direction
 
     return Direction.REVERSE if reverse else None
@@ -220,10 +220,10 @@ def _redraw(text: str) -> None:
         output.echo(text)
 
 
-def _plan(dry: DryRun, frequency: float, reverse: bool, wait: bool, detach: bool) -> ExitCode:
+def _plan(dry: DryRun, frequency: float, *, reverse: bool, wait: bool, detach: bool) -> ExitCode:
     from drivebus.drives.operations.start import check_run
 
-    dialect, direction = dry.dialect, _direction(reverse)
+    dialect, direction = dry.dialect, _direction(reverse=reverse)
     dry.check_then_assume_scale(lambda: check_run(dry.drive, frequency, direction, will_wait=wait))
     dry.add_readiness()
     dry.add_start_preparation()

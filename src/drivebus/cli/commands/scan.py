@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 
 def _scan(
+    *,
     port: str,
     models: tuple[str, ...] | None,
     addresses: tuple[int, ...] | None,
@@ -44,11 +45,11 @@ def _scan(
     if dry_run:
         return print_scan_plan(request.plan())
     with record_ports(record) as wrap:
-        return asyncio.run(_run(request, listen_seconds, force, everything, wrap))
+        return asyncio.run(_run(request, listen_seconds, force=force, everything=everything, wrap=wrap))
 
 
 async def _run(
-    request: ScanRequest, listen_s: float, force: bool, everything: bool, wrap: Callable[[Port], Port]
+    request: ScanRequest, listen_s: float, *, force: bool, everything: bool, wrap: Callable[[Port], Port]
 ) -> ExitCode:
     from drivebus.cli.signals import shutdown_signals
     from drivebus.commissioning import scan

@@ -26,6 +26,7 @@ def _parse_bind(text: str) -> tuple[str, int] | None:
 
 
 def _simulate(
+    *,
     model: str,
     address: tuple[int, ...],
     bind: tuple[str, int] | None,

@@ -60,43 +60,44 @@ _BUS_OPTIONS = ("model", "address", "baud", "format", "encoding", "option", "rec
 
 
 def _stop(
+    *,
     everything: bool,
     group: str | None,
     quick: bool,
     assume_model: bool,
     directory: str | None,
     target: str | None = None,
-    **given: Any,
+    **arguments: Any,
 ) -> ExitCode:
-    if sum((everything, group is not None, given["drive"] is not None)) > 1:
+    if sum((everything, group is not None, arguments["drive"] is not None)) > 1:
         raise ConfigurationError("stop_all.one_selection")
-    with stop_to_the_end(dry_run=given["dry_run"]):
+    with stop_to_the_end(dry_run=arguments["dry_run"]):
         if group is not None:
-            _check_of_many("--group", quick, assume_model)
-            return _stop_group(given.pop("service"), group, given | {"directory": directory})
+            _check_of_many("--group", quick=quick, assume_model=assume_model)
+            return _stop_group(arguments.pop("service"), group, arguments | {"directory": directory})
         if everything:
-            return _stop_all(target, directory, quick, assume_model, given)
+            return _stop_all(target, directory, quick=quick, assume_model=assume_model, arguments=arguments)
         if directory is not None:
             raise ConfigurationError("stop_all.needs_all")
-        return _stop_one(target, given, quick, assume_model)
+        return _stop_one(target, arguments, quick=quick, assume_model=assume_model)
 
 
 def _stop_all(
-    target: str | None, directory: str | None, quick: bool, assume_model: bool, given: dict[str, Any]
+    target: str | None, directory: str | None, *, quick: bool, assume_model: bool, arguments: dict[str, Any]
 ) -> ExitCode:
-    _check_of_many("--all", quick, assume_model)
-    service = given.pop("service")
+    _check_of_many("--all", quick=quick, assume_model=assume_model)
+    service = arguments.pop("service")
     if service is not None:
-        _reject_bus_options(given | {"directory": directory}, "directory")
+        _reject_bus_options(arguments | {"directory": directory}, "directory")
         return _stop_service(service)
     if directory is not None or target is None or target.endswith(".toml"):
         folder = _state_folder(target, directory)
-        _reject_bus_options(given)
+        _reject_bus_options(arguments)
         return _stop_local_service(folder)
-    return _stop_bus(target, given)
+    return _stop_bus(target, arguments)
 
 
-def _check_of_many(option: str, quick: bool, assume_model: bool) -> None:
+def _check_of_many(option: str, *, quick: bool, assume_model: bool) -> None:
     """Raise ConfigurationError for an option that is for a stop of one drive."""
     if quick:
         raise ConfigurationError("stop_all.not_quick", option=option)
@@ -104,25 +105,25 @@ def _check_of_many(option: str, quick: bool, assume_model: bool) -> None:
         raise ConfigurationError("stop_all.not_assumed", option=option)
 
 
-def _reject_bus_options(given: dict[str, Any], *more: str) -> None:
+def _reject_bus_options(arguments: dict[str, Any], *more: str) -> None:
     """Raise ConfigurationError for an option of a bus, or of ``more``, that a stop through a service does not take."""
-    reject_local_options(given | {"address": given["addresses"]}, (*_BUS_OPTIONS, *more))
+    reject_local_options(arguments | {"address": arguments["addresses"]}, (*_BUS_OPTIONS, *more))
 
 
 # --- one drive ----------------------------------------------------------------------------------------------------
 
 
-def _stop_one(port: str | None, given: dict[str, Any], quick: bool, assume_model: bool) -> ExitCode:
-    addresses, dry_run = given.pop("addresses"), given.pop("dry_run")
-    with stop_errors(given["drive"]):
-        remote = pop_remote_target(given | {"address": addresses, "dry_run": dry_run, "port": None})
+def _stop_one(port: str | None, arguments: dict[str, Any], *, quick: bool, assume_model: bool) -> ExitCode:
+    addresses, dry_run = arguments.pop("addresses"), arguments.pop("dry_run")
+    with stop_errors(arguments["drive"]):
+        remote = pop_remote_target(arguments | {"address": addresses, "dry_run": dry_run, "port": None})
     if remote is None:
         _require("target", port)
         if str(port).endswith(".toml"):
             raise ConfigurationError("stop_all.plant_needs_all", file=port)
-        _require_model(str(port), given["model"])
+        _require_model(str(port), arguments["model"])
         _require("addresses", addresses)
-    target = remote or Target(port=str(port), address=addresses[0], **_port_options(given))
+    target = remote or Target(port=str(port), address=addresses[0], **_port_options(arguments))
     if dry_run:
         return _print_plan(target, (target.address,), broadcast=False, quick=quick, assume_model=assume_model)
 
@@ -131,12 +132,12 @@ def _stop_one(port: str | None, given: dict[str, Any], quick: bool, assume_model
             drive.assume_model()
         return drive.quick_stop() if quick else drive.stop(wait=True)
 
-    with stop_errors(given["drive"]):
+    with stop_errors(arguments["drive"]):
         return asyncio.run(run_command(target, stop))
 
 
-def _port_options(given: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: given[name] for name in ("model", "baud", "format", "encoding", "option", "record")}
+def _port_options(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: arguments[name] for name in ("model", "baud", "format", "encoding", "option", "record")}
 
 
 def _require(name: str, value: Any) -> None:
@@ -156,16 +157,16 @@ def _require_model(port: str, model: str | None) -> None:
 # --- all drives of a bus ------------------------------------------------------------------------------------------
 
 
-def _stop_bus(port: str, given: dict[str, Any]) -> ExitCode:
+def _stop_bus(port: str, arguments: dict[str, Any]) -> ExitCode:
     """Stop the drives at ``--address``, or every drive that replies at an address of the model."""
-    _require_model(port, given["model"])
-    target = Target(port=port, address=0, **_port_options(given))
-    addresses = given["addresses"] or _all_addresses(target)
+    _require_model(port, arguments["model"])
+    target = Target(port=port, address=0, **_port_options(arguments))
+    addresses = arguments["addresses"] or _all_addresses(target)
     _check_addresses(target, addresses)
-    if given["dry_run"]:
+    if arguments["dry_run"]:
         return _print_plan(target, addresses, broadcast=True)
     with stop_errors(None):
-        return asyncio.run(_stop_addresses(target, addresses, find=given["addresses"] is None))
+        return asyncio.run(_stop_addresses(target, addresses, find=arguments["addresses"] is None))
 
 
 def _all_addresses(target: Target) -> tuple[int, ...]:
@@ -184,7 +185,7 @@ def _check_addresses(target: Target, addresses: tuple[int, ...]) -> None:
         raise ConfigurationError("stop_all.addresses", **params, example=f"--address {inside}")
 
 
-async def _stop_addresses(target: Target, addresses: tuple[int, ...], find: bool) -> ExitCode:
+async def _stop_addresses(target: Target, addresses: tuple[int, ...], *, find: bool) -> ExitCode:
     from drivebus.bus import Bus
     from drivebus.drives import Drive, stop_bus
 
@@ -354,14 +355,14 @@ def _stop_service(service: str) -> ExitCode:
     return print_service_result(result, service)
 
 
-def _stop_group(service: str | None, group: str, given: dict[str, Any]) -> ExitCode:
+def _stop_group(service: str | None, group: str, arguments: dict[str, Any]) -> ExitCode:
     """Stop every drive of a group at once; starts are not inhibited by it."""
     from drivebus.cli.remote.client import call_once
     from drivebus.service.api.operations.groups import GROUP_STOP
 
     if service is None:
         raise ConfigurationError("service.group_alone")
-    _reject_bus_options(given, "directory")
+    _reject_bus_options(arguments, "directory")
     with stop_errors(group):
         result = call_once(service, GROUP_STOP.name, {"group": group})
     return print_outcomes(result["outcomes"])
@@ -441,8 +442,8 @@ class StopCommand(RemoteCommand):
         """Raise BadParameter for several addresses of a port without ``--all``."""
         try:
             values, _, _ = self.make_parser(ctx).parse_args(list(args))
-            found = ",".join(dict.fromkeys(values.get("addresses", ())))
-            is_one = len(parse_addresses(found)) == 1
+            addresses = ",".join(dict.fromkeys(values.get("addresses", ())))
+            is_one = len(parse_addresses(addresses)) == 1
         except (click.UsageError, ValueError):
             return  # the parsing that follows reports it
         is_plant = str(values.get("target") or "").endswith(".toml")
@@ -454,10 +455,10 @@ class StopCommand(RemoteCommand):
                 next(words, None)
             elif not word.startswith("--address=") and word not in _FLAGS_OF_ONE_DRIVE:
                 others.append(word)
-        whole = shlex.join(["drivebus", "stop", "--all", *others, "--address", found])
+        whole = shlex.join(["drivebus", "stop", "--all", *others, "--address", addresses])
         param = next(each for each in self.params if each.name == "addresses")
         expected = output.text("cli.expect.one_address", command=whole)
-        raise click.BadParameter(options.found_expected(found, expected), ctx, param)
+        raise click.BadParameter(options.found_expected(addresses, expected), ctx, param)
 
 
 command = StopCommand(

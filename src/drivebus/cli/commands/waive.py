@@ -7,11 +7,11 @@ from drivebus.cli.click_ext import CliCommand, Option
 from drivebus.cli.errors import ExitCode
 
 
-def _waive(service: str, drives: tuple[str, ...], group: str | None, everything: bool, reason: str) -> ExitCode:
+def _waive(*, service: str, drives: tuple[str, ...], group: str | None, everything: bool, reason: str) -> ExitCode:
     from drivebus.cli.remote.selection import call_on_selection, print_results
     from drivebus.service.api.operations.selections import WAIVERS_GRANT
 
-    outcomes = call_on_selection(service, WAIVERS_GRANT, drives, group, everything, reason=reason)
+    outcomes = call_on_selection(service, WAIVERS_GRANT, drives, group, everything=everything, reason=reason)
     return print_results(outcomes, "waived", "waive.done", "waive.nothing")
 
 

@@ -25,7 +25,7 @@ def parse_parameter_assignment(text: str) -> tuple[str, float | str]:
 
 
 async def _write(
-    target: Target, settings: Assignments, save: bool, force: bool, eeprom_writes_per_day: int | None
+    target: Target, settings: Assignments, *, save: bool, force: bool, eeprom_writes_per_day: int | None
 ) -> ExitCode:
     from drivebus.drives import DriveLimits
 
@@ -33,7 +33,9 @@ async def _write(
     return await run_command(target, lambda drive: drive.write(dict(settings), save=save, force=force), limits)
 
 
-def _plan(dry: DryRun, settings: Assignments, save: bool, force: bool, eeprom_writes_per_day: int | None) -> ExitCode:
+def _plan(
+    dry: DryRun, settings: Assignments, *, save: bool, force: bool, eeprom_writes_per_day: int | None
+) -> ExitCode:
     from drivebus.drives.operations.parameter_write import check_write, confirmation_needed
 
     for name, value in settings:
@@ -41,7 +43,7 @@ def _plan(dry: DryRun, settings: Assignments, save: bool, force: bool, eeprom_wr
         read = [dry.dialect.read_parameter(wanted.parameter)] if wanted.parameter.readable else []
         if save:
             dry.add("compare", read)
-        dry.add("write", [dry.dialect.write_parameter(wanted.parameter, wanted.raw, save).request])
+        dry.add("write", [dry.dialect.write_parameter(wanted.parameter, wanted.raw, save=save).request])
         dry.add("verify", read)
         needed = confirmation_needed(dry.dialect, wanted)
         if needed is not None and not force:

@@ -136,8 +136,8 @@ def past_alarms(drive: DriveConfig, profile: DriveProfile, events: Sequence[Demo
         if event.kind != "trip":
             continue
         fault = trip_fault(profile)
-        found = Observation(LimitState.VIOLATED, fault["code"], {"fault": fault})
-        alarm = configured_alarm("", FAULT_ALARM, drive.id, drive.title, found, event.time_ms)
+        observation = Observation(LimitState.VIOLATED, fault["code"], {"fault": fault})
+        alarm = configured_alarm("", FAULT_ALARM, drive.id, drive.title, observation, event.time_ms)
         acknowledged_ms = min(event.time_ms + ACKNOWLEDGED_AFTER_MS, after.time_ms)
         yield replace(alarm, acknowledged_ms=acknowledged_ms, acknowledged_by=by, cleared_ms=after.time_ms)
 
@@ -162,16 +162,16 @@ def past_statistics(
     for sample in samples:
         if sample.quality is Quality.GOOD and sample.value is not None:
             values.setdefault(sample.tag.partition(".")[2], []).append(sample.value)
-    found = RunStatistics(since_ms=start_ms)
+    statistics = RunStatistics(since_ms=start_ms)
     if "status" in profile.capabilities:
-        found.running_s = SAMPLE_INTERVAL_S * sum(hz > 0.0 for hz in values.get("output_frequency", ()))
-        found.starts = sum(
+        statistics.running_s = SAMPLE_INTERVAL_S * sum(hz > 0.0 for hz in values.get("output_frequency", ()))
+        statistics.starts = sum(
             event.kind == "run" and (at == 0 or events[at - 1].kind != "run") for at, event in enumerate(events)
         )
         trips = sum(event.kind == "trip" for event in events)
-        found.faults = {str(TRIP_CODES[profile.family]): trips} if trips else {}
+        statistics.faults = {str(TRIP_CODES[profile.family]): trips} if trips else {}
     if "output_power" in values:
-        found.energy_kwh = sum(values["output_power"]) * SAMPLE_INTERVAL_S / 3600.0
-    found.maximum_current_a = max(values.get("output_current", ()), default=None)
-    found.maximum_temperature_c = max(values.get("temperature", ()), default=None)
-    return found
+        statistics.energy_kwh = sum(values["output_power"]) * SAMPLE_INTERVAL_S / 3600.0
+    statistics.maximum_current_a = max(values.get("output_current", ()), default=None)
+    statistics.maximum_temperature_c = max(values.get("temperature", ()), default=None)
+    return statistics

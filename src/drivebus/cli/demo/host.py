@@ -133,18 +133,18 @@ def _write_config(plant: DemoPlant, directory: Path, port: int, login_notice: Js
     return load(file)
 
 
-def free_port(wanted: int) -> int:
-    """Return ``wanted``, or any free port if it is in use."""
-    for port in (wanted, 0):
+def free_port(preferred: int) -> int:
+    """Return ``preferred``, or any free port if it is in use."""
+    for port in (preferred, 0):
         with socket.socket() as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 probe.bind(("127.0.0.1", port))
             except OSError:
                 continue
-            found: int = probe.getsockname()[1]
-            return found
-    return wanted
+            number: int = probe.getsockname()[1]
+            return number
+    return preferred
 
 
 async def _announce_and_play(
@@ -272,7 +272,7 @@ def _event_json(event: DemoEvent, number: int, name: Text) -> Json:
 # --- for the terminal view ----------------------------------------------------------------------------------------
 
 
-async def serve_terminal(memory: bool) -> None:
+async def serve_terminal(*, memory: bool) -> None:
     """Run the service without its page for a parent process that shows it.
 
     Prints JSON lines: ``{"socket": …}`` when the service is ready, ``{"message": …}`` for the script, and
@@ -325,4 +325,4 @@ async def _serve_parent(config: PlantConfig, plant: DemoPlant) -> None:
 if __name__ == "__main__":
     output.parse_global_options(sys.argv[1:])
     configure_logging("text")
-    asyncio.run(serve_terminal("--memory" in sys.argv))
+    asyncio.run(serve_terminal(memory="--memory" in sys.argv))

@@ -41,7 +41,7 @@ CLOSE_TIMEOUT_S = 15.0  # the service stops its drives at its end; then it is ki
 class DemoClient:
     """Row source and key commands of the view; starts and ends the process of the service."""
 
-    def __init__(self, memory: bool = False) -> None:
+    def __init__(self, *, memory: bool = False) -> None:
         drives = sum(len(bus.drives) for bus in BUSES)
         kind = "memory" if memory else "pty"
         self.title = output.text(f"demo.title.{kind}", drives=drives, buses=len(BUSES))

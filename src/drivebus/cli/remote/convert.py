@@ -12,13 +12,13 @@ from drivebus.values import Quality, Reading, Text
 SERVICE_TEXT_KEY = "service.text"  # the sentence of the service, in both languages
 
 
-def parse_text(found: Json | None) -> Text | None:
-    return None if found is None else Text.from_mapping(found)
+def parse_text(data: Json | None) -> Text | None:
+    return None if data is None else Text.from_mapping(data)
 
 
-def parse_outcome(found: Json) -> Outcome:
+def parse_outcome(data: Json) -> Outcome:
     """Return the ``outcome`` of a response, with the sentences and frames of the service."""
-    outcome = found["outcome"]
+    outcome = data["outcome"]
     notes = tuple((SERVICE_TEXT_KEY, {"text": parse_text(note["text"])}) for note in outcome["notes"])
     frames = tuple(_parse_exchange(frame) for frame in outcome["frames"])
     return Outcome(
@@ -76,19 +76,19 @@ def reading_time(time_ms: int | None, service_now_ms: int, now: float) -> float 
     return None if time_ms is None else now - (service_now_ms - time_ms) / 1000
 
 
-def parse_reading(found: Json, service_now_ms: int = 0, now: float = 0.0) -> Reading:
+def parse_reading(data: Json, service_now_ms: int = 0, now: float = 0.0) -> Reading:
     """Return a signal's value, as old as it is on the service's clock, or a parameter's value, which has no time."""
-    at = reading_time(found.get("source_time_ms"), service_now_ms, now)
+    at = reading_time(data.get("source_time_ms"), service_now_ms, now)
     return Reading(
-        value=found["value"],
-        unit=found["unit"],
-        quality=Quality(found["quality"]),
+        value=data["value"],
+        unit=data["unit"],
+        quality=Quality(data["quality"]),
         source_time=at,
-        reason=found["reason"],
-        raw=found.get("raw"),
+        reason=data["reason"],
+        raw=data.get("raw"),
     )
 
 
-def parse_fault(found: Json) -> Fault:
-    text = parse_text(found["text"]) or Text("", "")
-    return Fault(found["code"], found["label"], text, parse_text(found.get("cause")), parse_text(found.get("remedy")))
+def parse_fault(data: Json) -> Fault:
+    text = parse_text(data["text"]) or Text("", "")
+    return Fault(data["code"], data["label"], text, parse_text(data.get("cause")), parse_text(data.get("remedy")))

@@ -104,19 +104,19 @@ class RemoteDrive:
         return self._started_at is not None and (state_at is None or state_at < self._started_at)
 
     async def read(self, names: Iterable[str]) -> dict[str, Reading]:
-        found = await self.call(PARAMETERS_READ, names=list(names))
-        return {name: parse_reading(value) for name, value in found["parameters"].items()}
+        result = await self.call(PARAMETERS_READ, names=list(names))
+        return {name: parse_reading(value) for name, value in result["parameters"].items()}
 
     async def comm_loss_behaviour(self) -> Any:
         """Return the behaviour that the service has read from the drive."""
-        found = (await self.call(DRIVES_GET))["comm_loss"]
-        text = found["text"] or {}
-        stops = {"trips": True, "runs_on": False}.get(found["kind"])
+        comm_loss = (await self.call(DRIVES_GET))["comm_loss"]
+        text = comm_loss["text"] or {}
+        stops = {"trips": True, "runs_on": False}.get(comm_loss["kind"])
         return SimpleNamespace(stops_on_comm_loss=stops, text=lambda language: text.get(language, ""))
 
     # --- commands -----------------------------------------------------------------------------------------------
 
-    async def run(self, frequency_hz: float, direction: Direction | None = None, wait: bool = False) -> Outcome:
+    async def run(self, frequency_hz: float, direction: Direction | None = None, *, wait: bool = False) -> Outcome:
         """Start the drive. ``wait`` has no effect: with a service ``--wait`` is rejected before."""
         params: Json = {"frequency_hz": frequency_hz} | ({"direction": str(direction)} if direction else {})
         with before_motion():
@@ -142,7 +142,7 @@ class RemoteDrive:
         params = {"frequency_hz": frequency_hz, "silence_s": silence_s, **await self.arm("comm_loss_test")}
         return await self.call(COMM_LOSS_TEST, **params)
 
-    async def write(self, values: Mapping[str, float | str], save: bool = False, force: bool = False) -> Outcome:
+    async def write(self, values: Mapping[str, float | str], *, save: bool = False, force: bool = False) -> Outcome:
         return await self._call_with_control(PARAMETERS_WRITE, values=dict(values), save=save, force=force)
 
     def jog(self, frequency_hz: float | None, direction: Direction, lease_s: float) -> RemoteJog:
@@ -152,13 +152,13 @@ class RemoteDrive:
         """Send each stop without the read that shows whether the station is of the plant's model."""
         self._assume_model = True
 
-    async def stop(self, wait: bool = True) -> Outcome:
+    async def stop(self, *, wait: bool = True) -> Outcome:
         return await self._stop("stop")
 
-    async def coast(self, wait: bool = True) -> Outcome:
+    async def coast(self, *, wait: bool = True) -> Outcome:
         return await self._stop("coast")
 
-    async def quick_stop(self, wait: bool = True) -> Outcome:
+    async def quick_stop(self, *, wait: bool = True) -> Outcome:
         return await self._stop("quick_stop")
 
     async def _stop(self, mode: str) -> Outcome:
@@ -195,10 +195,10 @@ class RemoteDrive:
         while True:
             await asyncio.sleep(LEASE_RENEW_PERIOD_S)
             try:
-                found = await self.call(LEASE_RENEW)
+                lease = await self.call(LEASE_RENEW)
             except ServiceUnavailable:
                 continue
-            self._report_request(found.get("control_request"))
+            self._report_request(lease.get("control_request"))
 
     def _report_request(self, request: Json | None) -> None:
         if request is not None and request["id"] != self._reported_request and self._on_control_request is not None:
@@ -234,8 +234,8 @@ class RemoteJog:
     async def __aenter__(self) -> RemoteJog:
         params = {"direction": str(self._direction), **await self._drive.arm()}
         params |= {} if self._frequency_hz is None else {"frequency_hz": self._frequency_hz}
-        found = await self._drive.call(DRIVE_JOG, **params)
-        self._jog_id, self.start_outcome = found["jog"], parse_outcome(found)
+        jog = await self._drive.call(DRIVE_JOG, **params)
+        self._jog_id, self.start_outcome = jog["jog"], parse_outcome(jog)
         self._renewal = asyncio.create_task(self._renew(), name="jog")
         return self
 

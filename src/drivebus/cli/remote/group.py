@@ -34,35 +34,35 @@ async def command_group(service: str, operation: Operation, group: str, **params
         try:
             for drive in drives:
                 await drive.take_control()
-            found: Json = (await client.call(operation.name, {"group": group, **params}))["outcomes"]
+            outcomes: Json = (await client.call(operation.name, {"group": group, **params}))["outcomes"]
         finally:
             for drive in drives:
                 await drive.close()
-        return found
+        return outcomes
 
 
 def print_outcomes_by_drive(outcomes: Json) -> ExitCode:
     """Print the outcome or error of each drive; return 4 where one is unknown, else 1 where one failed."""
     with output.continue_without_output():  # it is done
-        codes = {_print_outcome(drive, found) for drive, found in outcomes.items()}
+        codes = {_print_outcome(drive, outcome) for drive, outcome in outcomes.items()}
     return (
         ExitCode.UNKNOWN if ExitCode.UNKNOWN in codes else ExitCode.FAILED if codes - {ExitCode.DONE} else ExitCode.DONE
     )
 
 
-def _print_outcome(drive: str, found: Json) -> ExitCode:
+def _print_outcome(drive: str, data: Json) -> ExitCode:
     """Print the outcome or error of one drive; return its exit code."""
     from drivebus.cli.formatting import outcome_exit_code, outcome_json, outcome_text
     from drivebus.cli.remote.convert import parse_error_outcome, parse_outcome
     from drivebus.cli.remote.drive import RemoteBus
     from drivebus.service.api.errors import error_from_json
 
-    if "code" in found:
-        error = parse_error_outcome(error_from_json(found))
+    if "code" in data:
+        error = parse_error_outcome(error_from_json(data))
         output.print_json({"drive": drive} | error_json(error), stream=True)
         output.print_text(output.wrap_for(f"{drive}: {error_text(error)}", sys.stdout))
         return exit_code_of(error)
-    outcome = parse_outcome({"outcome": found})
+    outcome = parse_outcome({"outcome": data})
     text = outcome_text(outcome) if outcome.succeeded else outcome.text(output.language())
     output.print_json({"drive": drive} | outcome_json(outcome, RemoteBus.now()), stream=True)
     output.print_text(f"{drive}: {text}")

@@ -118,11 +118,11 @@ def _parse_response(status: int, text: bytes, address: str) -> Json:
     from drivebus.service.api.errors import error_from_json
 
     try:
-        found = printable_values(json.loads(text))
+        document = printable_values(json.loads(text))
         if status == 200:
-            assert isinstance(found, dict)
-            return found
-        error = parse_error_outcome(error_from_json(found["error"]))
+            assert isinstance(document, dict)
+            return document
+        error = parse_error_outcome(error_from_json(document["error"]))
     except (ValueError, KeyError, TypeError, AssertionError) as problem:
         raise ServiceUnavailable("service.strange", address=address, status=status) from problem
     raise error

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def call_on_selection(
-    service: str, operation: Operation, drives: Iterable[str], group: str | None, everything: bool, **params: Any
+    service: str, operation: Operation, drives: Iterable[str], group: str | None, *, everything: bool, **params: Any
 ) -> Json:
     """Execute an operation on drives; return the outcome or error of each. Raises ConfigurationError for no drive."""
     from drivebus.cli.remote.client import call_once
@@ -25,8 +25,8 @@ def call_on_selection(
     selection: Json = {"drives": list(drives), "group": group, "all": everything}
     if not any(selection.values()):
         raise ConfigurationError("release.which")
-    found: Json = call_once(service, operation.name, selection | params)["outcomes"]
-    return found
+    results: Json = call_once(service, operation.name, selection | params)["outcomes"]
+    return results
 
 
 def print_results(outcomes: Mapping[str, Json], done_name: str, done_key: str, nothing_key: str) -> ExitCode:
@@ -52,9 +52,9 @@ def grouped_errors(errors: Mapping[str, Json]) -> list[tuple[list[str], Drivebus
     from drivebus.service.api.errors import error_from_json
 
     groups: dict[str, tuple[list[str], DrivebusError]] = {}
-    for drive, found in errors.items():
-        error = error_from_json(found)
-        alike = repr((error.key, sorted((k, v) for k, v in found["params"].items() if k != "drive")))
+    for drive, data in errors.items():
+        error = error_from_json(data)
+        alike = repr((error.key, sorted((k, v) for k, v in data["params"].items() if k != "drive")))
         groups.setdefault(alike, ([], error))[0].append(drive)
     for drives, error in groups.values():
         if "drive" in error.params:

@@ -49,7 +49,15 @@ class RecordedDrive:
             reason=state.reason,
             at=self._received_at,
         )
-        return drive_row(self.key, self.name, self.bus_name, profile.model, self.dialect.address, status, presence)
+        return drive_row(
+            status,
+            key=self.key,
+            name=self.name,
+            bus=self.bus_name,
+            model=profile.model,
+            address=self.dialect.address,
+            presence=presence,
+        )
 
 
 class PolledDrive:
@@ -65,7 +73,13 @@ class PolledDrive:
         bus, address = self.drive.bus, self.drive.address
         health, status = bus.health(address), self._monitor.status()
         return drive_row(
-            self.key, self.name, self.bus_name, self.drive.profile.model, address, status, str(health.presence)
+            status,
+            key=self.key,
+            name=self.name,
+            bus=self.bus_name,
+            model=self.drive.profile.model,
+            address=address,
+            presence=str(health.presence),
         )
 
     def stop(self) -> None:
@@ -73,7 +87,9 @@ class PolledDrive:
         self._monitor.close()
 
 
-def drive_row(key: str, name: str, bus: str, model: str, address: int, status: DriveStatus, presence: str) -> DriveRow:
+def drive_row(
+    status: DriveStatus, *, key: str, name: str, bus: str, model: str, address: int, presence: str
+) -> DriveRow:
     """Return the row of a drive status."""
     times = [reading.source_time for reading in status.readings.values() if reading.source_time is not None]
     fault = status.fault

@@ -12,7 +12,7 @@ from drivebus.cli.tui.row_source import KeyCommands, RowSource
 
 
 def run_view(
-    source: RowSource, commands: KeyCommands | None, plain: bool, period_s: float, duration_s: float | None = None
+    source: RowSource, commands: KeyCommands | None, *, plain: bool, period_s: float, duration_s: float | None = None
 ) -> ExitCode:
     """Show the rows until the user, the source, a signal or ``duration_s`` ends the view."""
     if plain or output.as_json() or not (sys.stdout.isatty() and sys.stdin.isatty()):

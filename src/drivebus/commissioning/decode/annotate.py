@@ -66,8 +66,8 @@ def fault_fields(profile: DriveProfile, fields: Mapping[str, Any]) -> FieldDict:
         return FieldDict()
     fault = profile.fault(code)
     advice = {"fault_cause": fault.cause, "fault_remedy": fault.remedy}
-    found = FieldDict(fault=fault.label, fault_text=fault.text)
-    return found | FieldDict(**{name: text for name, text in advice.items() if text})
+    label_and_text = FieldDict(fault=fault.label, fault_text=fault.text)
+    return label_and_text | FieldDict(**{name: text for name, text in advice.items() if text})
 
 
 def broadcast_field(profile: DriveProfile, description: FrameDescription) -> FieldDict:

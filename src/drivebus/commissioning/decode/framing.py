@@ -40,18 +40,18 @@ class CapturedFrame:
     """Time of its last byte, on the clock of ``time_s``."""
 
 
-def split_frames(capture: Capture, all_modbus: bool = False) -> list[CapturedFrame]:
+def split_frames(capture: Capture, *, all_modbus: bool = False) -> list[CapturedFrame]:
     """Return the frames of a capture, in order.
 
     A sent frame is Modbus RTU where its CRC fits (by chance once in 65,536), and so are the frames received after it,
     damaged or not. With ``all_modbus`` every frame is.
     """
-    found: list[CapturedFrame] = []
+    frames: list[CapturedFrame] = []
     for exchange in _group_exchanges(_join_records(capture)):
         first = exchange[0]
         for frame in exchange if first.received else _split_echo(first, exchange[1:]):
-            found.append(replace(frame, modbus=all_modbus or _is_modbus(frame if first.received else first)))
-    return found
+            frames.append(replace(frame, modbus=all_modbus or _is_modbus(frame if first.received else first)))
+    return frames
 
 
 def _join_records(capture: Capture) -> list[CapturedFrame]:
@@ -93,14 +93,14 @@ def _event_text(event: EventRecord) -> str:
     return json.dumps({"t": event.time_s, "event": event.name, **event.details}, ensure_ascii=False)
 
 
-def _settings_after(event: EventRecord, before: SerialSettings) -> SerialSettings:
+def _settings_after(event: EventRecord, settings: SerialSettings) -> SerialSettings:
     """Return the serial settings after an event: a scan opens the port with several."""
     if event.name != "opened":
-        return before
+        return settings
     try:
         return SerialSettings.parse(event.details["baud"], event.details["format"])
     except (KeyError, ValueError, TypeError, AttributeError):
-        return before
+        return settings
 
 
 def _continues(last: CapturedFrame, record: BytesRecord, settings: SerialSettings) -> bool:

@@ -76,8 +76,8 @@ def read_table(path: str | Path, numbering: str) -> list[TableRow]:
     places = _columns(lines[0])
     missing = [name for name in REQUIRED if name not in places]
     if missing:
-        found = issue("header", (missing[0],), separator.join(lines[0]))
-        raise profile_error([to_diagnostic(found, str(path), 1, CATALOGUE)])
+        problem = issue("header", (missing[0],), separator.join(lines[0]))
+        raise profile_error([to_diagnostic(problem, str(path), 1, CATALOGUE)])
     rows: list[TableRow] = []
     faults: list[Diagnostic] = []
     for number, line in enumerate(lines[1:], 2):

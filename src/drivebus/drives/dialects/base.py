@@ -317,7 +317,7 @@ class Dialect(ABC):
         return parameter.scale.raw(value)
 
     @abstractmethod
-    def write_parameter(self, parameter: Parameter, raw: int, save: bool) -> CommandFrame:
+    def write_parameter(self, parameter: Parameter, raw: int, *, save: bool) -> CommandFrame:
         """Return the frame that writes a parameter to RAM or EEPROM."""
 
     @abstractmethod
@@ -454,11 +454,11 @@ def _join_texts(texts: list[Text]) -> Text | None:
 
 def signals_by_index(profile: DriveProfile, space: str) -> dict[int, list[Signal]]:
     """Return the signals of one address space by index."""
-    found: dict[int, list[Signal]] = {}
+    by_index: dict[int, list[Signal]] = {}
     for signal in profile.signals.values():
         if signal.locator[0] == space:
-            found.setdefault(signal.locator[1], []).append(signal)
-    return found
+            by_index.setdefault(signal.locator[1], []).append(signal)
+    return by_index
 
 
 DEFAULT_POLL_PERIOD_S = 0.5

@@ -87,16 +87,16 @@ class CommandBits:
         """Record that the drive accepted the word that was sent last."""
         self._holds = self.active_names(word) & HOLD_BITS
 
-    def learn_levels(self, reverse: bool, paused: bool) -> None:
+    def learn_levels(self, *, reverse: bool, paused: bool) -> None:
         """Adopt the set direction that the drive reports, unless a word was sent, and any pause."""
         if self.levels is None:
-            self.adopt_direction(reverse)
+            self.adopt_direction(reverse=reverse)
         if self._holds is None:
             self._holds = frozenset()
         if paused and Hold.PAUSE in self.map.bits:
             self._holds |= {Hold.PAUSE}
 
-    def adopt_direction(self, reverse: bool) -> None:
+    def adopt_direction(self, *, reverse: bool) -> None:
         """Adopt the set direction of a verified state, also where another one was sent."""
         if self._rewrites_levels:
             self.levels = self.map.bits["reverse"].value if reverse and "reverse" in self.map.bits else 0
@@ -181,10 +181,10 @@ class CommandValues:
     def on_accepted(self, word: int) -> None:
         """Nothing is held from one word to the next."""
 
-    def learn_levels(self, reverse: bool, paused: bool) -> None:
+    def learn_levels(self, *, reverse: bool, paused: bool) -> None:
         """Each start names its direction."""
 
-    def adopt_direction(self, reverse: bool) -> None:
+    def adopt_direction(self, *, reverse: bool) -> None:
         """Each start names its direction."""
 
     def start(self, direction: Direction | None) -> tuple[int, ...]:

@@ -331,7 +331,7 @@ class Dzb100Dialect(Dialect):
     def parameter_word(self, parameter: Parameter, value: float) -> int:
         return self._scaled_parameter(parameter).scale.raw(value)
 
-    def write_parameter(self, parameter: Parameter, raw: int, save: bool) -> CommandFrame:
+    def write_parameter(self, parameter: Parameter, raw: int, *, save: bool) -> CommandFrame:
         return CommandFrame(Dzb100WriteParameter(self.address, parameter.locator[1], raw), RetryPolicy.EEPROM)
 
     def is_allowed(self, frame: bytes) -> bool:

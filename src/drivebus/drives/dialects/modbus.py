@@ -313,7 +313,7 @@ class ModbusDialect(Dialect):
             if not broken and self.command_word is not None:
                 reverse, paused = (bool(raw & status.bits.get(name, 0)) for name in ("set_reverse", "paused"))
                 paused = paused or status_state(status, raw) is DriveState.PAUSED  # a word that is a number
-                self.command_word.learn_levels(reverse, paused)
+                self.command_word.learn_levels(reverse=reverse, paused=paused)
         for register, name in zip(status.fault_registers, self._fault_names, strict=True):
             word = values.get(("holding", register))
             if word is not None:
@@ -412,7 +412,7 @@ class ModbusDialect(Dialect):
         bit = self.status_map.bits.get("set_reverse", 0) if self.status_map is not None else 0
         words = readings.raw_pair("state")
         if bit and words is not None and words[0] & bit == words[1] & bit:
-            self._require_command_word().adopt_direction(bool(words[1] & bit))
+            self._require_command_word().adopt_direction(reverse=bool(words[1] & bit))
 
     def hold(self, hold: Hold) -> CommandFrame:
         word = self._require_command_word().hold(hold, self.profile.model)
@@ -446,8 +446,8 @@ class ModbusDialect(Dialect):
     def names_parameter(self, reply: Any) -> bool:
         return True
 
-    def write_parameter(self, parameter: Parameter, raw: int, save: bool) -> CommandFrame:
-        request = self._writes.parameter(parameter, raw, save)
+    def write_parameter(self, parameter: Parameter, raw: int, *, save: bool) -> CommandFrame:
+        request = self._writes.parameter(parameter, raw, save=save)
         return CommandFrame(request, RetryPolicy.EEPROM if save else RetryPolicy.IDEMPOTENT)
 
     def set_option(self, option: str, value: Any) -> None:
@@ -477,10 +477,10 @@ class ModbusDialect(Dialect):
 
 def _signals_by_locator(profile: DriveProfile) -> dict[Locator, list[tuple[Signal, Span]]]:
     """Return the signals by their first register, each with its span."""
-    found: dict[Locator, list[tuple[Signal, Span]]] = {}
+    by_locator: dict[Locator, list[tuple[Signal, Span]]] = {}
     for signal in profile.signals.values():
-        found.setdefault(signal.locator, []).append((signal, span_of(signal)))
-    return found
+        by_locator.setdefault(signal.locator, []).append((signal, span_of(signal)))
+    return by_locator
 
 
 def _identity_span(profile: DriveProfile) -> Span | None:

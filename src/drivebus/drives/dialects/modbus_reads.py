@@ -78,8 +78,8 @@ def span_value(span: Span, values: Mapping[Locator, int], features: ModbusFeatur
     """
     if span.length == 1:
         return values.get((span.space, span.start))
-    found = [values.get((span.space, index)) for index in range(span.start, span.end)]
-    parts = [part for part in found if part is not None]
+    numbers = [values.get((span.space, index)) for index in range(span.start, span.end)]
+    parts = [part for part in numbers if part is not None]
     if len(parts) != span.length:
         return None
     if span.space in BIT_SPACES:
@@ -153,9 +153,9 @@ def sync_spans(profile: DriveProfile) -> tuple[Span, ...]:
     if profile.modbus is not None and profile.modbus.sync_block is not None:
         return (Span("input", *profile.modbus.sync_block),)
     for space in SYNC_SPACES:
-        found = _sync_spans_in(profile, space)
-        if found:
-            return found
+        spans = _sync_spans_in(profile, space)
+        if spans:
+            return spans
     raise ConfigurationError("drives.no_sync_probe", model=profile.model)
 
 

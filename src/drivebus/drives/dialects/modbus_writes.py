@@ -70,7 +70,7 @@ class ModbusWrites:
             case "coils":
                 return WriteBits(self.address, register, coil_bits(word, self.commands.coil_count))
             case "coil":
-                return self._coil(register + word, True)
+                return self._coil(register + word, value=True)
         return self.registers(register, word, self.commands.words)
 
     def setpoint(self, word: int) -> WriteRequest:
@@ -89,14 +89,14 @@ class ModbusWrites:
     def _fixed(self, write: FixedWrite | None) -> WriteRequest | None:
         return None if write is None else self.registers(write.register, write.value, 1)
 
-    def parameter(self, parameter: Parameter, raw: int, save: bool) -> WriteRequest:
+    def parameter(self, parameter: Parameter, raw: int, *, save: bool) -> WriteRequest:
         """Return the write of a parameter, at its EEPROM address where it is to be saved."""
         space, index = parameter.locator
         if space == "coil":
-            return self._coil(index, bool(raw))
-        return self.registers(self.profile.write_support.address(index, save), raw, parameter.scale.words)
+            return self._coil(index, value=bool(raw))
+        return self.registers(self.profile.write_support.address(index, save=save), raw, parameter.scale.words)
 
-    def _coil(self, index: int, value: bool) -> WriteBit | WriteBits:
+    def _coil(self, index: int, *, value: bool) -> WriteBit | WriteBits:
         """Return the write of one coil: function 05, or 0FH on a model that lacks 05."""
         if WriteBit.function in self._features.functions:
             return WriteBit(self.address, index, value)
@@ -110,15 +110,15 @@ class ModbusWrites:
 
     def recognize(self, changes: Sequence[RegisterWrite]) -> list[RecognizedWrite] | None:
         """Return what a frame writes; None where a change is unknown, or half of a number in two registers."""
-        found: list[RecognizedWrite] = []
+        recognized: list[RecognizedWrite] = []
         place = 0
         while place < len(changes):
             one = self._recognize_first(changes[place:])
             if one is None:
                 return None
-            found.append(one)
+            recognized.append(one)
             place += one.width
-        return found
+        return recognized
 
     def _recognize_first(self, changes: Sequence[RegisterWrite]) -> RecognizedWrite | None:
         space, register, value = changes[0]
@@ -168,11 +168,12 @@ def coil_bits(word: int, count: int) -> tuple[bool, ...]:
 def _writable_parameters(profile: DriveProfile) -> dict[Locator, Parameter]:
     """Return the writable parameters by locator; one that can be read also by its EEPROM or RAM address."""
     support = profile.write_support
-    found: dict[Locator, Parameter] = {}
+    by_locator: dict[Locator, Parameter] = {}
     for parameter in profile.parameters.values():
         space, index = parameter.locator
         if parameter.writable:
             has_twin = parameter.readable and space == "holding"
-            for register in (index, *((support.address(index, save) for save in (True, False)) if has_twin else ())):
-                found.setdefault((space, register), parameter)
-    return found
+            twins = [support.address(index, save=save) for save in (True, False)] if has_twin else []
+            for register in (index, *twins):
+                by_locator.setdefault((space, register), parameter)
+    return by_locator

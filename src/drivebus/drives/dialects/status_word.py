@@ -109,18 +109,21 @@ def _state_pair(
         output = readings.raw_pair(required)
         if output is None or not readings.is_since(required, "state"):
             return None
-        older, newer = _ramping_down(older, output[0] != 0), _ramping_down(newer, output[1] != 0)
+        older, newer = (
+            _ramping_down(older, is_output_on=output[0] != 0),
+            _ramping_down(newer, is_output_on=output[1] != 0),
+        )
     frequencies = readings.pair("output_frequency")
     if frequencies is not None and readings.is_since("output_frequency", "state"):
         first, second = (
             isinstance(frequency.value, int | float) and abs(frequency.value) > output_step_hz
             for frequency in frequencies
         )
-        older, newer = _ramping_down(older, first), _ramping_down(newer, second)
+        older, newer = _ramping_down(older, is_output_on=first), _ramping_down(newer, is_output_on=second)
     return older, newer
 
 
-def _ramping_down(state: DriveState, is_output_on: bool) -> DriveState:
+def _ramping_down(state: DriveState, *, is_output_on: bool) -> DriveState:
     return DriveState.DECELERATING if is_output_on and not state.turning else state
 
 

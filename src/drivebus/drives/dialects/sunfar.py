@@ -176,7 +176,7 @@ class SunfarDialect(Dialect):
                 return {}
             missing = {"state": missing_reading(self.read_rejection_key(reply))}
             return missing | self._monitor_readings(request.item, reply, at)
-        found = {
+        readings = {
             "state": Reading(
                 value=reply.state.name.lower(),
                 unit="",
@@ -187,24 +187,24 @@ class SunfarDialect(Dialect):
             )
         }
         if reply.fault_code is not None:
-            found["fault"] = Reading(
+            readings["fault"] = Reading(
                 value=reply.fault_code, unit="", quality=Quality.GOOD, source_time=at, reason=None, raw=reply.fault_code
             )
         if isinstance(request, ReadMonitor):
-            found |= self._monitor_readings(request.item, reply, at)
-        return found
+            readings |= self._monitor_readings(request.item, reply, at)
+        return readings
 
     def _monitor_readings(self, item: int | None, reply: SunfarReply, at: float | None) -> dict[str, Reading]:
         index = monitor_index(item or 0, self._index_coding)
         signals = [] if index is None else self._signals.get(index, [])
         if reply.response != 0 or reply.data is None:
             return {signal.name: missing_reading(self.read_rejection_key(reply), signal.unit) for signal in signals}
-        found = {signal.name: signal_reading(signal, reply.data, at) for signal in signals}
+        readings = {signal.name: signal_reading(signal, reply.data, at) for signal in signals}
         if reply.item is not None:
-            return found
+            return readings
         if reply.data == 0:  # in a fault 0 may also mean "not executed" (manual 3 (4)): missing, not 0.0
             return {signal.name: missing_reading("drives.item_not_echoed", signal.unit) for signal in signals}
-        return {name: without_item_echo(reading) for name, reading in found.items()}
+        return {name: without_item_echo(reading) for name, reading in readings.items()}
 
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
         """Return the state of two readings that agree; of two different turning states the newer one counts."""
@@ -286,7 +286,7 @@ class SunfarDialect(Dialect):
     def names_parameter(self, reply: SunfarReply) -> bool:
         return reply.item is not None
 
-    def write_parameter(self, parameter: Parameter, raw: int, save: bool) -> CommandFrame:
+    def write_parameter(self, parameter: Parameter, raw: int, *, save: bool) -> CommandFrame:
         index = parameter.locator[1]
         request = SunfarWriteParameter(self.address, index >> 8, index & 0xFF, raw, save)
         return CommandFrame(request, RetryPolicy.EEPROM if save else RetryPolicy.IDEMPOTENT)

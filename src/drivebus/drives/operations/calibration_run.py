@@ -59,7 +59,7 @@ def run_at_word(
     result = yield from send_frames(op, command, frames)
     if not result.sent and result.error is not None:
         raise result.error
-    started = yield from confirm_start(op, command, frames, direction, result.error is None)
+    started = yield from confirm_start(op, command, frames, direction, answered=result.error is None)
     measured: T | None = None
     began = Text.per_language(started.text)
     interrupted = None
@@ -113,8 +113,8 @@ def _write_word(op: OperationContext, word: int, direction: Direction | None) ->
         raise error
 
 
-def _failure(word: int, began: Text, last: Outcome) -> TargetNotReached:
+def _failure(word: int, start_text: Text, last: Outcome) -> TargetNotReached:
     ended = Text.per_language(last.text)
-    failure = TargetNotReached("drives.calibration_run_failed", word=f"{word:04X}H", began=began, ended=ended)
+    failure = TargetNotReached("drives.calibration_run_failed", word=f"{word:04X}H", began=start_text, ended=ended)
     failure.outcome = last
     return failure

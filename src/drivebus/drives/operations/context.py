@@ -128,9 +128,9 @@ class OperationContext:
 
     def check_frequency(self, frequency_hz: float) -> tuple[int, float]:
         """Return the raw word of a frequency and the frequency that it means. Raises LimitError."""
-        found = self.drive.check_frequency(frequency_hz)
+        word_and_hz = self.drive.check_frequency(frequency_hz)
         self.limits_checked = True
-        return found
+        return word_and_hz
 
     def transact(
         self,

@@ -84,8 +84,8 @@ def undescribed_note(write: CheckedWrite) -> str | None:
 
 def number_of(dialect: Dialect, parameter: Parameter, raw: int) -> float | None:
     """Return the number of a raw word; None where the coding of the parameter has none for it."""
-    found = dialect.parameter_reading(parameter, raw, None).value
-    return None if found is None else float(found)
+    value = dialect.parameter_reading(parameter, raw, None).value
+    return None if value is None else float(value)
 
 
 def display_value(parameter: Parameter, value: float | str, number: float) -> float | str:
@@ -134,7 +134,7 @@ def _bus_control_values(dialect: Dialect, write: CheckedWrite) -> str | None:
 
 def may_move(dialect: Dialect, write: CheckedWrite) -> bool:
     """Return whether a write may start the motor, as one to an input terminal that is wired to "run"."""
-    frame = dialect.codec.encode_request(dialect.write_parameter(write.parameter, write.raw, False).request)
+    frame = dialect.codec.encode_request(dialect.write_parameter(write.parameter, write.raw, save=False).request)
     return dialect.station_config.effect_of(frame) is Effect.MOTION
 
 

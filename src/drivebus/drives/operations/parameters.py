@@ -53,10 +53,12 @@ def read_values(op: OperationContext, names: tuple[str, ...]) -> DriveOperation[
     """Read parameters and signals by any of their names. Raises ProfileError for an unknown name, before sending."""
     op.drive.require_capability("read")
     entries = {name: find_entry(op.dialect.profile, name) for name in names}
-    found: dict[str, Reading] = {}
+    readings: dict[str, Reading] = {}
     for name, entry in entries.items():
-        found[name] = yield from (_read_signal(op, entry) if isinstance(entry, Signal) else _read_parameter(op, entry))
-    return found
+        readings[name] = yield from (
+            _read_signal(op, entry) if isinstance(entry, Signal) else _read_parameter(op, entry)
+        )
+    return readings
 
 
 def _read_signal(op: OperationContext, signal: Signal) -> DriveOperation[Reading]:
@@ -95,7 +97,7 @@ def _missing_reason(op: OperationContext, reply: Any) -> str:
 
 
 def write_values(
-    op: OperationContext, values: Mapping[str, float | str], save: bool, force: bool = False
+    op: OperationContext, values: Mapping[str, float | str], *, save: bool, force: bool = False
 ) -> DriveOperation[Outcome]:
     """Write parameters one after the other, up to the first that does not succeed.
 
@@ -122,7 +124,7 @@ def write_values(
             raise CapabilityError("drives.not_saved", notation=write.parameter.notation)
     for place, write in enumerate(checked, 1):
         try:
-            outcome = yield from _write_one(op, write, save)
+            outcome = yield from _write_one(op, write, save=save)
         except (BusError, DriveError, ConfigurationError) as withheld:  # of a write that was not sent
             if not notes:
                 raise
@@ -156,7 +158,7 @@ def _message_params(write: CheckedWrite) -> dict[str, object]:
     return {"notation": write.parameter.notation, "value": write.value, "unit": unit}
 
 
-def _write_one(op: OperationContext, write: CheckedWrite, save: bool) -> DriveOperation[Outcome]:
+def _write_one(op: OperationContext, write: CheckedWrite, *, save: bool) -> DriveOperation[Outcome]:
     notation, budget = write.parameter.notation, op.drive.eeprom_budget
     params = _message_params(write)
     present_raw = (yield from read_raw_parameter(op, write.parameter)) if save and write.parameter.readable else None
@@ -175,11 +177,11 @@ def _write_one(op: OperationContext, write: CheckedWrite, save: bool) -> DriveOp
     conditions = yield from op.check_deadline()
     kind = CommandKind.INPUTS if may_move(op.dialect, write) else CommandKind.WRITE
     command = op.create_command(kind, conditions)
-    result = yield from op.send_command(command, op.dialect.write_parameter(write.parameter, write.raw, save))
+    result = yield from op.send_command(command, op.dialect.write_parameter(write.parameter, write.raw, save=save))
     refused = op.rejected_outcome(result, **params)
     if refused is not None:
         return refused
-    outcome = yield from _read_back(op, write, result.error is None, params)
+    outcome = yield from _read_back(op, write, answered=result.error is None, params=params)
     if present_raw == write.raw and outcome.status is OutcomeStatus.CONFIRMED:
         # RAM held the value before it was saved: reading it back proves nothing about the EEPROM
         outcome = op.unverifiable_outcome(
@@ -192,7 +194,7 @@ def _write_one(op: OperationContext, write: CheckedWrite, save: bool) -> DriveOp
 
 
 def _read_back(
-    op: OperationContext, write: CheckedWrite, answered: bool, params: dict[str, object]
+    op: OperationContext, write: CheckedWrite, *, answered: bool, params: dict[str, object]
 ) -> DriveOperation[Outcome]:
     """Read the value back behind a sync probe, by another request than the write, whose echo proves nothing."""
     if not write.parameter.readable:
@@ -218,8 +220,8 @@ def _read_back(
         return op.outcome(OutcomeStatus.UNKNOWN, "drives.write_unknown", why=why, **params)
     number = number_of(op.dialect, write.parameter, raw)
     is_word = number is None or isinstance(write.value, str)
-    found = f"{raw:04X}H" if is_word or number is None else display_value(write.parameter, number, number)
-    return op.outcome(OutcomeStatus.FAILED, "drives.write_differs", found=found, **params)
+    reported = f"{raw:04X}H" if is_word or number is None else display_value(write.parameter, number, number)
+    return op.outcome(OutcomeStatus.FAILED, "drives.write_differs", found=reported, **params)
 
 
 def _synced_raw(op: OperationContext, parameter: Parameter) -> DriveOperation[int | None]:

@@ -38,9 +38,9 @@ def read_preflight(op: OperationContext) -> DriveOperation[Preflight]:
     yield from _read_ramp_times(op)
     yield from op.void_checks_after_contact_loss()  # the reply to the first read may have shown it
     conditions = yield from get_bus_conditions()
-    found = Preflight(tuple(satisfied), tuple(unmet), tuple(unreadable), conditions.now)
-    op.drive.preflight = found
-    return found
+    preflight = Preflight(tuple(satisfied), tuple(unmet), tuple(unreadable), conditions.now)
+    op.drive.preflight = preflight
+    return preflight
 
 
 def record_model(op: OperationContext) -> DriveOperation[None]:

@@ -47,23 +47,25 @@ def _send_unlock(op: OperationContext, kind: CommandKind) -> DriveOperation[None
         yield from _send_confirmed(op, kind, CommandFrame(request, RetryPolicy.IDEMPOTENT), shown)
 
 
-def _send_confirmed(op: OperationContext, kind: CommandKind, frame: CommandFrame, shown: str) -> DriveOperation[None]:
+def _send_confirmed(
+    op: OperationContext, kind: CommandKind, frame: CommandFrame, frame_text: str
+) -> DriveOperation[None]:
     """Send a frame that no status shows: the drive must have answered it."""
     yield from _count_own_stops(op)
     conditions = yield from op.check_deadline()
     for unmet in unmet_bus_permissives(op.dialect.address, conditions):
         raise unmet  # an unlock needs no permit, but goes before a start only where that may follow
     result = yield from op.send_command(op.create_command(kind, conditions), frame)
-    _check_accepted(op, result, shown)
+    _check_accepted(op, result, frame_text)
     if result.error is not None:
         raise result.error
 
 
-def _check_accepted(op: OperationContext, result: BusResult, shown: str) -> None:
+def _check_accepted(op: OperationContext, result: BusResult, frame_text: str) -> None:
     """Raise StartInhibited where the drive rejected what it needs before a start."""
     refused = op.rejected_outcome(result)
     if refused is not None:
-        raise StartInhibited("drives.preparation_rejected", word=shown, code=refused.params["code"])
+        raise StartInhibited("drives.preparation_rejected", word=frame_text, code=refused.params["code"])
 
 
 def _take_step(op: OperationContext, step: StartStep) -> DriveOperation[None]:

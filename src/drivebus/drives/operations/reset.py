@@ -33,7 +33,7 @@ def reset_fault(op: OperationContext) -> DriveOperation[Outcome]:
         return refused
     if not op.dialect.reports_run_state:
         return op.unverifiable_outcome(answered, "drives.reset_acknowledged", "drives.reset_unknown")
-    return (yield from _wait_until_cleared(op, command, frames, answered))
+    return (yield from _wait_until_cleared(op, command, frames, answered=answered))
 
 
 def _has_fault(op: OperationContext) -> DriveOperation[bool]:
@@ -58,7 +58,7 @@ def _is_in_fault(op: OperationContext) -> bool:
 
 
 def _wait_until_cleared(
-    op: OperationContext, command: DriveCommand, frames: tuple[CommandFrame, ...], answered: bool
+    op: OperationContext, command: DriveCommand, frames: tuple[CommandFrame, ...], *, answered: bool
 ) -> DriveOperation[Outcome]:
     """Read the state until the fault is gone or has stayed too long; resend an unanswered reset while it stays."""
     sent_again = 0

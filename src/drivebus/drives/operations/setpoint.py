@@ -69,10 +69,12 @@ def write_setpoint(
             raise result.error
     if refused is not None:
         return op.refused_outcome(refused)
-    return (yield from read_back_setpoint(op, word, frequency_hz, answered))
+    return (yield from read_back_setpoint(op, word, frequency_hz, answered=answered))
 
 
-def read_back_setpoint(op: OperationContext, word: int, frequency_hz: float, answered: bool) -> DriveOperation[Outcome]:
+def read_back_setpoint(
+    op: OperationContext, word: int, frequency_hz: float, *, answered: bool
+) -> DriveOperation[Outcome]:
     """Compare the set frequency that the drive shows with the one that was sent."""
     requests = op.dialect.setpoint_reads()
     error: DrivebusError | None = None
@@ -113,8 +115,8 @@ def lost_setpoint_outcome(op: OperationContext) -> Outcome | None:
 
 
 def _differing_outcome(op: OperationContext, frequency_hz: float) -> Outcome:
-    found = op.reading_pairs.latest["set_frequency"].value
-    return op.outcome(OutcomeStatus.FAILED, "drives.setpoint_differs", expected_hz=frequency_hz, found_hz=found)
+    reported_hz = op.reading_pairs.latest["set_frequency"].value
+    return op.outcome(OutcomeStatus.FAILED, "drives.setpoint_differs", expected_hz=frequency_hz, found_hz=reported_hz)
 
 
 def _newest_read_matches(op: OperationContext, word: int, frequency_hz: float) -> bool:

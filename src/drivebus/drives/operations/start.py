@@ -236,7 +236,7 @@ def _send_start(
     refused = op.rejected_outcome(result)
     if refused is not None:
         return _refused_outcome(refused, "drives.start_refused")
-    outcome = yield from confirm_start(op, command, frames, direction, result.error is None)
+    outcome = yield from confirm_start(op, command, frames, direction, answered=result.error is None)
     yield from _stop_at_overspeed(op, frequency_hz)
     if outcome.status is OutcomeStatus.CONFIRMED and op.dialect.start_includes_setpoint:
         has_lost = op.lost_replies > lost_before
@@ -288,6 +288,7 @@ def confirm_start(
     command: DriveCommand,
     frames: tuple[CommandFrame, ...],
     direction: Direction | None,
+    *,
     answered: bool,
 ) -> DriveOperation[Outcome]:
     """Confirm the start by verified states; resend an unanswered one only while they show standstill."""
@@ -325,10 +326,10 @@ def _running_outcome(op: OperationContext, direction: Direction | None) -> Outco
 
 def _wrong_direction_outcome(op: OperationContext, direction: Direction | None) -> Outcome | None:
     """Return the outcome of a drive that reports another direction than commanded; a start without one is forward."""
-    expected, found = direction or Direction.FORWARD, op.derived.direction
-    if found is None or found is expected:
+    expected, reported = direction or Direction.FORWARD, op.derived.direction
+    if reported is None or reported is expected:
         return None
-    return op.outcome(OutcomeStatus.FAILED, "drives.wrong_direction", expected=expected, found=found)
+    return op.outcome(OutcomeStatus.FAILED, "drives.wrong_direction", expected=expected, found=reported)
 
 
 def _unconfirmed_outcome(op: OperationContext, state: DriveState) -> Outcome:

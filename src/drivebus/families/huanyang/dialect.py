@@ -155,7 +155,7 @@ class HuanyangDialect(Dialect):
     def names_parameter(self, reply: HuanyangReply) -> bool:
         return True
 
-    def write_parameter(self, parameter: Parameter, raw: int, save: bool) -> CommandFrame:
+    def write_parameter(self, parameter: Parameter, raw: int, *, save: bool) -> CommandFrame:
         """Return a write of one byte where no value of the parameter needs two."""
         request = write_parameter(self.address, parameter.locator[1], raw, self._width(parameter, raw))
         return CommandFrame(request, RetryPolicy.EEPROM)

@@ -105,7 +105,7 @@ class HuanyangStation(SimulatedStation):
         return HuanyangReply(self.address, request.function, request.index, self.memory[request.index], width)
 
     def _write(self, request: HuanyangRequest) -> HuanyangReply:
-        if self.memory.write_rejection(request.index, request.value, self.running) is not None:
+        if self.memory.write_rejection(request.index, request.value, running=self.running) is not None:
             return HuanyangReply(self.address, WRITE, request.index, accepted=False)
         self.memory.write(request.index, request.value, save=True)
         return self._read(request)

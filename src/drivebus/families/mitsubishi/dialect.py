@@ -107,12 +107,12 @@ class MitsubishiDialect(Dialect):
         signals = self._signals.get(request.code, [])
         if reply.error is not None:
             return {signal.name: missing_reading("drives.read_refused", signal.unit) for signal in signals}
-        found = {signal.name: signal_reading(signal, reply.data, at) for signal in signals}
+        readings = {signal.name: signal_reading(signal, reply.data, at) for signal in signals}
         if request.code == STATUS:
-            found["state"] = Reading(
+            readings["state"] = Reading(
                 value=reply.data, unit="", quality=Quality.GOOD, source_time=at, reason=None, raw=reply.data
             )
-        return found
+        return readings
 
     def derive_state(self, readings: ReadingPairs) -> DerivedState | None:
         """Return the state on which two reads agree; stopped only where no bit and no frequency shows motion."""
@@ -155,7 +155,7 @@ class MitsubishiDialect(Dialect):
     def names_parameter(self, reply: MitsubishiReply) -> bool:
         return False
 
-    def write_parameter(self, parameter: Parameter, raw: int, save: bool) -> CommandFrame:
+    def write_parameter(self, parameter: Parameter, raw: int, *, save: bool) -> CommandFrame:
         raise CapabilityError("drives.cannot", model=self.profile.model, what="write")
 
     def is_allowed(self, frame: bytes) -> bool:

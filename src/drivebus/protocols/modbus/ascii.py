@@ -96,7 +96,7 @@ class ModbusAsciiCodec:
     def _reply_length(self, request: ModbusRequest, frame: bytes) -> int:
         """Return the octets of a reply; a short error has CR LF where a write acknowledgement has digits."""
         head = hex_bytes(frame[1:7], start=1)
-        length = pdu.reply_length(request, head, self._short_errors)
+        length = pdu.reply_length(request, head, short=self._short_errors)
         if (
             self._short_errors and head[2] == 0 and frame[9:11] == END_MARK
         ):  # for other functions the length is 3 already
@@ -142,9 +142,9 @@ class ModbusAsciiCodec:
 
     def _find_start(self, data: bytes) -> int:
         """Return the offset of ':': 0, or more where leading noise is allowed. Raises HeaderError."""
-        found = data.find(START_MARK, 0, MAX_LEADING_NOISE + 1 if self.tolerate_leading_noise else 1)
-        if found != -1:
-            return found
+        start = data.find(START_MARK, 0, MAX_LEADING_NOISE + 1 if self.tolerate_leading_noise else 1)
+        if start != -1:
+            return start
         raise HeaderError("modbus.start", expected=START_MARK, found=data[0])
 
     def reply_size(self, request: ModbusRequest, /) -> int:

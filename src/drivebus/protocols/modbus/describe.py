@@ -123,7 +123,7 @@ def _check_standalone(data: bytes, encoding: str, form: ReplyForm) -> None:
     if len(data) < smallest:  # too short to tell its length
         raise LengthError("protocols.length", expected=smallest, found=len(data))
     octets = data if encoding == "rtu" else hex_bytes(data[1:7], start=1)
-    extent = _standalone_length(octets, _is_short_error(data, encoding, form), form)
+    extent = _standalone_length(octets, short=_is_short_error(data, encoding, form), form=form)
     size = extent + rtu.CRC_SIZE if encoding == "rtu" else ascii.frame_size(extent)
     check_size(size, data)
     if encoding == "rtu":
@@ -138,7 +138,7 @@ def _is_short_error(data: bytes, encoding: str, form: ReplyForm) -> bool:
     return form.error_form == "short" and len(data) == rtu.EXCEPTION_FRAME_SIZE and data[2] == 0 and crc16(data) == 0
 
 
-def _standalone_length(octets: bytes, short: bool, form: ReplyForm) -> int:
+def _standalone_length(octets: bytes, *, short: bool, form: ReplyForm) -> int:
     function, head = octets[1], 2 + form.count_bytes
     count = int.from_bytes(octets[2:head], "big")
     if function & 0x80 or short:

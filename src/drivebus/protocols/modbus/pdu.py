@@ -243,7 +243,7 @@ def normal_reply_length(request: ModbusRequest, count_bytes: int = 1) -> int:
     return 6
 
 
-def reply_length(request: ModbusRequest, head: bytes, short: bool, count_bytes: int = 1) -> int:
+def reply_length(request: ModbusRequest, head: bytes, *, short: bool, count_bytes: int = 1) -> int:
     """Return the octets of a reply that begins with ``head`` (three or more, four where ``count_bytes`` is 2).
 
     ``short`` allows DF800's error form.
@@ -253,7 +253,7 @@ def reply_length(request: ModbusRequest, head: bytes, short: bool, count_bytes: 
     """
     function, found = request.function, head[1]
     if head[0] != request.address or head[0] == BROADCAST:
-        return _foreign_reply_length(request, head, short, count_bytes)
+        return _foreign_reply_length(request, head, short=short, count_bytes=count_bytes)
     if found == function:
         if function not in READ_FUNCTIONS:
             return 6
@@ -270,7 +270,7 @@ def reply_length(request: ModbusRequest, head: bytes, short: bool, count_bytes: 
     raise EchoError("modbus.function", expected=function, found=found)
 
 
-def _foreign_reply_length(request: ModbusRequest, head: bytes, short: bool, count_bytes: int) -> int:
+def _foreign_reply_length(request: ModbusRequest, head: bytes, *, short: bool, count_bytes: int) -> int:
     """Return the length of another station's frame where its function decides it; else raise AddressError."""
     address, function, count = head[0], head[1], head[2]
     if request.address == BROADCAST:

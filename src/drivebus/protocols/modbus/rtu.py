@@ -99,7 +99,7 @@ class ModbusRtuCodec:
             result = self._short_error(request, data)
             if result is not None:
                 return result
-        size = pdu.reply_length(request, data, self._short_errors, self.count_bytes) + CRC_SIZE
+        size = pdu.reply_length(request, data, short=self._short_errors, count_bytes=self.count_bytes) + CRC_SIZE
         if len(data) < size:
             return Incomplete(size)
         octets = check_frame(data, size)

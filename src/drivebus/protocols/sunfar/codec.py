@@ -66,12 +66,13 @@ class SunfarCodec:
         self,
         encoding: Literal["ascii", "hex"] = "ascii",
         digits: Literal["strict", "tolerant"] = "strict",
+        *,
         nibble: bool = False,
     ) -> None:
         self.encoding: str = encoding
         self.digits = digits
         self.nibble = nibble
-        self._format = _field_format(encoding, digits, nibble)
+        self._format = _field_format(encoding, digits, nibble=nibble)
 
     def encode_request(self, request: SunfarRequest) -> bytes:
         """Return the frame of a request.
@@ -146,7 +147,7 @@ class SunfarCodec:
         return decode_request(self._format, data)
 
 
-def _field_format(encoding: str, digits: str, nibble: bool) -> FieldFormat:
+def _field_format(encoding: str, digits: str, *, nibble: bool) -> FieldFormat:
     if encoding == "ascii":
         return AsciiFormat(TOLERANT_HEX_DIGITS if digits == "tolerant" else STRICT_HEX_DIGITS)
     if encoding == "hex":

@@ -179,7 +179,7 @@ def _read_mixed(layout: FrameLayout, frame: bytes) -> FrameFields:
             open_at = len(values)
         elif nibbles is not None:
             decisions.add(nibbles)
-        values.append(_read_field(raw, bool(nibbles), at))
+        values.append(_read_field(raw, nibbles=bool(nibbles), at=at))
         at += width
     if open_at is None:
         return FrameFields(tuple(values))
@@ -196,7 +196,7 @@ def _is_nibble_field(raw: bytes) -> bool | None:
     return False if max(raw) > 0x0F else None
 
 
-def _read_field(raw: bytes, nibbles: bool, at: int) -> int:
+def _read_field(raw: bytes, *, nibbles: bool, at: int) -> int:
     if nibbles:
         return int(canonical_digits(raw, NIBBLE_DIGITS, at), 16)
     if raw[0] > 0x0F:  # a wider field has 0 here

@@ -116,15 +116,15 @@ class Dispatcher:
         """Stop, then record it; the client waits at most ``STOP_AUDIT_TIMEOUT_S`` for the record."""
         entry = _audit_entry(operation, params.model_dump(), actor)
         try:
-            found = await handler(params, actor)
+            result = await handler(params, actor)
         except Exception as error:
             await self._record_soon(_failed_entry(entry, error))
             raise
         except BaseException as error:
             self._record_nowait(_failed_entry(entry, error))
             raise
-        await self._record_soon(_completed_entry(entry, found))
-        return found
+        await self._record_soon(_completed_entry(entry, result))
+        return result
 
     async def _run_recorded(
         self, operation: Operation, params: OperationParams, actor: Actor, handler: MotionHandler
@@ -150,15 +150,15 @@ class Dispatcher:
         try:
             with before_motion():
                 self._check_not_stopped(ticket)
-            found = await handler(params, actor, ticket)
+            result = await handler(params, actor, ticket)
         except Exception as error:
             await self._record_after(_failed_entry(entry, error))
             raise
         except BaseException as error:  # a cancelled task must not wait for a disk
             self._record_nowait(_failed_entry(entry, error))
             raise
-        await self._record_after(_completed_entry(entry, found))
-        return found
+        await self._record_after(_completed_entry(entry, result))
+        return result
 
     def _check_not_stopped(self, ticket: CommandTicket) -> None:
         """Raise Superseded after a stop of one of its drives, Expired after a record that took too long."""
@@ -234,8 +234,8 @@ def _audit_entry(
     operation: Operation, params: Any, actor: Actor, outcome: str | None = None, drives: Iterable[str] = ()
 ) -> AuditEntry:
     """Return the entry of a command. ``drives`` that it affects are a parameter of it where they are not its target."""
-    found = to_plain(params)
-    known = found if isinstance(found, dict) else {}
+    plain = to_plain(params)
+    known = plain if isinstance(plain, dict) else {}
     target = next((known[name] for name in TARGET_PARAMS if isinstance(known.get(name), str)), "")
     others = [drive for drive in drives if drive != target]
     return AuditEntry.by(

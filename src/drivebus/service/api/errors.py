@@ -69,8 +69,8 @@ def build_error_json(
 def error_to_json(error: DrivebusError) -> Json:
     """Return an error as every client gets it."""
     outcome = error.outcome
-    found = outcome_json(outcome) if isinstance(outcome, Outcome) else outcome
-    return build_error_json(error.key, type(error).__name__, error.params, found, error.may_be_running)
+    document = outcome_json(outcome) if isinstance(outcome, Outcome) else outcome
+    return build_error_json(error.key, type(error).__name__, error.params, document, error.may_be_running)
 
 
 def error_from_json(data: Json) -> DrivebusError:
@@ -143,13 +143,13 @@ def pydantic_faults(faults: Iterable[Mapping[str, Any]]) -> list[Json]:
     return [_translate(fault, ".".join(map(str, fault["loc"]))) for fault in faults]
 
 
-def _translate(found: Mapping[str, Any], path: str) -> Json:
-    context = found.get("ctx", {})
+def _translate(fault: Mapping[str, Any], path: str) -> Json:
+    context = fault.get("ctx", {})
     bounds = {name: f"{context[name]:.15g}" for name in ("ge", "le") if name in context}
     others = {name: context[name] for name in ("min_length", "max_length", "pattern") if name in context}
     choices = str(context.get("expected", "")).replace(" or ", ", ").split(", ")
-    key = FAULT_MESSAGES.get(found["type"], "other")
-    return param_fault(path, repr(found.get("input")), key, choices=choices, **bounds, **others)
+    key = FAULT_MESSAGES.get(fault["type"], "other")
+    return param_fault(path, repr(fault.get("input")), key, choices=choices, **bounds, **others)
 
 
 def params_error(operation: str, faults: list[Json]) -> InvalidParameters:

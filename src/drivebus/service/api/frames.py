@@ -46,17 +46,17 @@ def _frame_text(bus: BusRuntime, frame: TracedFrame) -> Json:
     profile = next((drive.profile for drive in bus.drives.values() if drive.config.address == event.station), None)
     if profile is None or not event.data or event.kind not in DECODED_KINDS:
         return localized(f"plant.frame_{event.kind.value}")
-    return dict(_decode(profile, event.data, event.kind is TraceKind.SENT))
+    return dict(_decode(profile, event.data, is_request=event.kind is TraceKind.SENT))
 
 
 @lru_cache(maxsize=DECODE_CACHE_SIZE)
-def _decode(profile: DriveProfile, data: bytes, is_request: bool) -> Json:
+def _decode(profile: DriveProfile, data: bytes, *, is_request: bool) -> Json:
     """Return the text of a frame. No file is read: a read delays the buses, and the file may have changed since."""
     try:
-        found = describe_frame(profile, data, direction="request" if is_request else "response")
+        description = describe_frame(profile, data, direction="request" if is_request else "response")
     except DrivebusError as error:
         return localized(error.key, error.params)
-    return {language: _describe(found, language) for language in i18n.LANGUAGES}
+    return {language: _describe(description, language) for language in i18n.LANGUAGES}
 
 
 def _describe(description: FrameDescription, language: str) -> str:

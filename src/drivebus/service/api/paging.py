@@ -13,16 +13,16 @@ from drivebus.types import Json
 def page(items: Iterable[tuple[int, Callable[[], Json]]], cursor: str | None, limit: int) -> Json:
     """Return ``{"items", "next"}``; ``items`` come newest (largest number) first. Raises InvalidParameters."""
     below = page_start(cursor)
-    found: list[Json] = []
+    rows: list[Json] = []
     last = 0
     for number, make in items:
         if below is not None and number >= below:
             continue
-        if len(found) == limit:
-            return {"items": found, "next": encode_cursor(last)}
-        found.append(make())
+        if len(rows) == limit:
+            return {"items": rows, "next": encode_cursor(last)}
+        rows.append(make())
         last = number
-    return {"items": found, "next": None}
+    return {"items": rows, "next": None}
 
 
 def page_start(cursor: str | None) -> int | None:

@@ -117,11 +117,11 @@ class Queries:
 
     @handles(BUSES_LIST)
     async def list_buses(self, params: NoParams, actor: Actor) -> Json:
-        found: list[Json] = []
+        buses: list[Json] = []
         async for bus in iter_cooperatively(tuple(self.plant.buses.values()), 1):
             if self.plant.buses.get(bus.config.id) is bus:
-                found.append(bus_view(bus))
-        return {"buses": found}
+                buses.append(bus_view(bus))
+        return {"buses": buses}
 
     @handles(BUSES_GET)
     async def get_bus(self, params: BusParams, actor: Actor) -> Json:
@@ -173,9 +173,9 @@ class Queries:
 
     @handles(AUDIT_LIST)
     async def list_audit_records(self, params: TimeRangeParams, actor: Actor) -> Json:
-        found, titles = await self.plant.audit.query(**params.model_dump()), titles_of(self.plant.config)
-        items = [described(item, titles) async for item in iter_cooperatively(found["items"])]
-        return found | {"items": items}
+        records, titles = await self.plant.audit.query(**params.model_dump()), titles_of(self.plant.config)
+        items = [described(item, titles) async for item in iter_cooperatively(records["items"])]
+        return records | {"items": items}
 
     @handles(AUDIT_VERIFY)
     async def verify_audit_trail(self, params: NoParams, actor: Actor) -> Json:

@@ -39,10 +39,10 @@ def parse_json(text: bytes | str) -> Any:
 
 
 def _object(pairs: list[tuple[str, Any]]) -> Json:
-    found = dict(pairs)
-    if len(found) != len(pairs):
+    members = dict(pairs)
+    if len(members) != len(pairs):
         raise MalformedJson("duplicate name", tuple(sorted(name for name, _ in pairs)))
-    return found
+    return members
 
 
 def _reject_number(text: str) -> float:

@@ -88,8 +88,8 @@ class AuditPaths:
 
 def first_number_of(path: Path) -> int | None:
     """Return the number of the first record of a full file; None for the current file."""
-    found = ROTATED_FILE.fullmatch(path.name)
-    return int(found[1]) if found else None
+    match = ROTATED_FILE.fullmatch(path.name)
+    return int(match[1]) if match else None
 
 
 def lines_backwards(path: Path) -> Iterator[bytes]:
@@ -137,10 +137,10 @@ def torn_tail(path: Path, safe: int) -> TornTail:
         start = data.rfind(b"\n", 0, end - 1) + 1
         if start == 0 and len(data) < size:  # the block begins in the middle of a line
             break
-        found = records.decode_record(data[start : end - 1])
-        if found is None:
+        record = records.decode_record(data[start : end - 1])
+        if record is None:
             cut = start
-        elif found.n <= safe:
+        elif record.n <= safe:
             break
         end = start
     return _tail_from(path, size, data, cut)
@@ -190,8 +190,8 @@ class AuditChain:
                 )
             )
         self._is_open = True
-        found, self._recovery_entries = self._recovery_entries, []
-        return found
+        entries, self._recovery_entries = self._recovery_entries, []
+        return entries
 
     def _load_last_checkpoint(self) -> int:
         """Continue after the last checkpoint, or after the head if it is newer, so that ``verify`` reports the gap for
@@ -254,10 +254,10 @@ class AuditChain:
         """Return the number of the current file's first record; the next number if it is empty."""
         try:
             with self.paths.current.open("rb") as file:
-                found = records.decode_record(file.readline().rstrip(b"\n"))
+                record = records.decode_record(file.readline().rstrip(b"\n"))
         except FileNotFoundError:
-            found = None
-        return found.n if found else self._last_number + 1
+            record = None
+        return record.n if record else self._last_number + 1
 
     def append(self, bodies: Sequence[Json]) -> list[int]:
         """Write records durably and return their numbers. Raises OSError; then none of them was written."""

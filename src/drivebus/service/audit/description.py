@@ -191,7 +191,7 @@ def _outcome_part(code: str, params: Mapping[str, Any]) -> Text:
         return bilingual_text(f"audit.outcome_{code}")
     if not i18n.known(code):
         return Text(code, code)
-    found, general = bilingual_text(code, **params), _key("audit.outcome_", code)
-    if not _PLACEHOLDER.search(found.en):
-        return found
+    text, general = bilingual_text(code, **params), _key("audit.outcome_", code)
+    if not _PLACEHOLDER.search(text.en):
+        return text
     return bilingual_text(general) if i18n.known(general) else bilingual_text("page.outcome_error", code=code)

@@ -175,10 +175,10 @@ def encode_record(n: int, prev: str, checkpoints: int, body: Json) -> tuple[byte
 
 def decode_record(line: bytes) -> AuditRecord | None:
     """Return the record of a line without line end; None if its form or its hash is wrong."""
-    found = _verify_digest(line, "hash", _sha)
-    if found is None:
+    members = _verify_digest(line, "hash", _sha)
+    if members is None:
         return None
-    body, hash = found
+    body, hash = members
     n, prev, checkpoints = body.pop("n", None), body.pop("prev", None), body.pop("checkpoints", None)
     if not all(type(one) is int for one in (n, checkpoints, body.get("time_ms"))) or not isinstance(prev, str):
         return None
@@ -195,10 +195,10 @@ def decode_checkpoint(line: bytes, key: bytes | None) -> AuditCheckpoint | None:
     """Return the checkpoint of a line; None if its form or its MAC under ``key`` is wrong. Without ``key`` only the
     form is checked.
     """
-    found = _verify_digest(line, "mac", None if key is None else _mac(key))
-    if found is None:
+    members = _verify_digest(line, "mac", None if key is None else _mac(key))
+    if members is None:
         return None
-    body, mac = found
+    body, mac = members
     try:
         checkpoint = AuditCheckpoint(
             number=body["checkpoint"],
@@ -228,8 +228,8 @@ def _mac(key: bytes) -> Callable[[bytes], str]:
 
 def _append_digest(body: Json, name: str, digest: Callable[[bytes], str]) -> tuple[bytes, str]:
     data = json.dumps(body, separators=(",", ":"), allow_nan=False).encode("ascii")
-    found = digest(data)
-    return data[:-1] + _digest_member(name, found) + b"\n", found
+    hexadecimal = digest(data)
+    return data[:-1] + _digest_member(name, hexadecimal) + b"\n", hexadecimal
 
 
 def _digest_member(name: str, digest: str) -> bytes:
@@ -241,12 +241,12 @@ def _verify_digest(line: bytes, name: str, digest: Callable[[bytes], str] | None
     size = len(_digest_member(name, "0" * _DIGEST_HEX_LENGTH))
     data, member = line[:-size] + b"}", line[-size:]
     try:
-        found = member[-_DIGEST_HEX_LENGTH - 2 : -2].decode("ascii")
-        if member != _digest_member(name, found):
+        hexadecimal = member[-_DIGEST_HEX_LENGTH - 2 : -2].decode("ascii")
+        if member != _digest_member(name, hexadecimal):
             return None
-        if digest is not None and not hmac.compare_digest(digest(data), found):
+        if digest is not None and not hmac.compare_digest(digest(data), hexadecimal):
             return None
         body = json.loads(data)
     except (ValueError, RecursionError):
         return None
-    return (body, found) if isinstance(body, dict) else None
+    return (body, hexadecimal) if isinstance(body, dict) else None

@@ -185,8 +185,8 @@ class AuditTrail:
             entries = self._chain.open()
             self.records_missing = self.records_missing or any(entry.what == RECORDS_MISSING for entry in entries)
             self.key_replaced = self.key_replaced or any(entry.what == KEY_REPLACED for entry in entries)
-            found = [entry_json(entry, self._now_ms()) for entry in entries]
-            return self._chain.append([*found, *bodies])[len(found) :]
+            records = [entry_json(entry, self._now_ms()) for entry in entries]
+            return self._chain.append([*records, *bodies])[len(records) :]
         except OSError as error:
             raise self._unavailable_error(SystemReason(error), error.filename) from error
 

@@ -125,7 +125,7 @@ class _ChainVerifier:
             self._report.add_problem("checkpoints_missing", self._paths.checkpoints, 0, there=there, expected=expected)
         self._report.covered = max((checkpoint.n for checkpoint in self._checkpoints), default=0)
 
-    def _verify_file(self, path: Path, whole: bool) -> None:
+    def _verify_file(self, path: Path, *, whole: bool) -> None:
         first = first_number_of(path)
         if whole and first != self._last_number + 1:
             self._report.add_problem("name", path, 0, expected=self._last_number + 1)

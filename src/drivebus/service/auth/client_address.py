@@ -13,8 +13,8 @@ def parse_address(text: str) -> IpAddress:
 
     Raises ValueError.
     """
-    found = ipaddress.ip_address(text)
-    return getattr(found, "ipv4_mapped", None) or found
+    address = ipaddress.ip_address(text)
+    return getattr(address, "ipv4_mapped", None) or address
 
 
 def client_network(address: IpAddress) -> str:

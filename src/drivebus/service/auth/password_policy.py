@@ -80,8 +80,8 @@ def _is_frequent_text(text: str) -> bool:
 
 
 def _is_common(text: str) -> bool:
-    found = ((match.start(), part) for part in _COMMON_PARTS for match in re.finditer(f"(?={re.escape(part)})", text))
-    common = {at for start, part in found for at in range(start, start + len(part))}
+    matches = ((match.start(), part) for part in _COMMON_PARTS for match in re.finditer(f"(?={re.escape(part)})", text))
+    common = {at for start, part in matches for at in range(start, start + len(part))}
     uncommon = {character for at, character in enumerate(text) if at not in common and not character.isdigit()}
     return (bool(common) or text.isdigit()) and len(uncommon) < MIN_UNCOMMON_CHARACTERS
 

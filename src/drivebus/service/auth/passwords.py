@@ -51,9 +51,9 @@ class PasswordHashing:
         matches = await self._in_thread(is_known, self._verify, *arguments)
         return matches and encoded is not None
 
-    def _verify(self, known: str, password: str) -> bool:
+    def _verify(self, stored_hash: str, password: str) -> bool:
         try:
-            return self._hasher.verify(known, password)
+            return self._hasher.verify(stored_hash, password)
         except (Argon2Error, InvalidHashError):
             return False
 

@@ -228,10 +228,10 @@ class AuthService:
         Raises ResourceNotFound, AccessDenied for a wrong password, TooManyAttempts, AuthUnavailable.
         """
         await self.verify_own_password(own, password)
-        found = next((session for session in self.sessions.of_user(own.user) if session.id == id), None)
-        if found is None:
+        ended = next((session for session in self.sessions.of_user(own.user) if session.id == id), None)
+        if ended is None:
             raise ResourceNotFound("auth.no_such_session", id=id)
-        await self.logout(found)
+        await self.logout(ended)
 
     async def end_sessions(self, user: str, reason: str) -> int:
         """End every session of a user and return their number."""

@@ -80,15 +80,15 @@ class UserDatabase:
 
     def user(self, name: str) -> User:
         """Return the user of a name. Raises ResourceNotFound."""
-        found = self.find(name)
-        if found is None:
+        entry = self.find(name)
+        if entry is None:
             raise ResourceNotFound("auth.no_such_user", name=name)
-        return found
+        return entry
 
     def rights_of(self, name: str) -> frozenset[Right]:
         """Return the rights of a user; none if there is no such user."""
-        found = self.find(name)
-        return frozenset() if found is None else found.rights
+        user = self.find(name)
+        return frozenset() if user is None else user.rights
 
     @property
     def has_administrator(self) -> bool:
@@ -239,10 +239,10 @@ class UserFile:
 
     def _load(self) -> UserDatabase:
         try:
-            found = _USER_DATABASE_ADAPTER.validate_json(self.path.read_bytes())
+            database = _USER_DATABASE_ADAPTER.validate_json(self.path.read_bytes())
         except (OSError, ValidationError) as error:
             raise self._unusable_error(error) from error
-        return replace(found, tokens=tuple(_with_right_to_stop(token) for token in found.tokens))
+        return replace(database, tokens=tuple(_with_right_to_stop(token) for token in database.tokens))
 
     def _unusable_error(self, error: Exception) -> ConfigurationError:
         return ConfigurationError("auth.store_unusable", file=str(self.path), problem=SystemReason(error))
@@ -254,13 +254,13 @@ def _log_changes(path: Path, before: UserDatabase, after: UserDatabase) -> None:
         (USER_CHANGES, {user.name: user for user in before.users}, {user.name: user for user in after.users}),
         (TOKEN_CHANGES, {token.id: token for token in before.tokens}, {token.id: token for token in after.tokens}),
     )
-    found = []
+    texts = []
     for keys, old, new in kinds:
         edited = {name for name in old.keys() & new.keys() if old[name] != new[name]}
         for key, names in zip(keys, (new.keys() - old.keys(), old.keys() - new.keys(), edited), strict=True):
             if names:
                 shown = [*sorted(names)[:MAX_LOGGED_NAMES], *(["…"] if len(names) > MAX_LOGGED_NAMES else [])]
-                found.append(i18n.preferred_text(key, n=len(names), names=shown))
-    if found:
-        changes = i18n.join(found, "clauses", i18n.preferred())
+                texts.append(i18n.preferred_text(key, n=len(names), names=shown))
+    if texts:
+        changes = i18n.join(texts, "clauses", i18n.preferred())
         LOG.warning(i18n.preferred_text("log.users_changed", file=path, changes=changes))

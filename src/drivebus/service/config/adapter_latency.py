@@ -45,9 +45,9 @@ def adapter_latencies(plant: PlantConfig) -> Iterator[AdapterLatency]:
     for bus in plant.buses:
         dialects = [(drive, dialect_of(drive)) for drive in plant.drives if drive.bus == bus.id]
         polls = [(dialect.station_config, polls_of(drive, dialect)) for drive, dialect in dialects]
-        found = adapter_latency(bus.id, serial_device(bus.port), polls, serial_settings_in(plant, bus.id))
-        if found is not None:
-            yield found
+        latency = adapter_latency(bus.id, serial_device(bus.port), polls, serial_settings_in(plant, bus.id))
+        if latency is not None:
+            yield latency
 
 
 def serial_device(port: str) -> str | None:

@@ -62,8 +62,8 @@ class ParsedPlant:
 
     def known_ids(self, table: str) -> list[str]:
         """Return the ids of ``[bus.…]`` or ``[drive.…]``, including those of faulty tables."""
-        found = self.raw.get(table)
-        return [str(name) for name in found] if isinstance(found, Mapping) else []
+        section = self.raw.get(table)
+        return [str(name) for name in section] if isinstance(section, Mapping) else []
 
     def drive_tables_of(self, bus: str) -> Iterator[tuple[str, DriveTable]]:
         """Yield the drives of a bus in the order of the file, which is the order of the cable."""
@@ -173,8 +173,8 @@ def drives_on_bus(parsed: ParsedPlant, bus: BusConfig) -> list[DriveConfig]:
 
 
 def _drives(parsed: ParsedPlant, buses: tuple[BusConfig, ...]) -> tuple[DriveConfig, ...]:
-    found = {drive.id: drive for bus in buses for drive in drives_on_bus(parsed, bus)}
-    return tuple(found[id] for id in parsed.file.drive)
+    drives = {drive.id: drive for bus in buses for drive in drives_on_bus(parsed, bus)}
+    return tuple(drives[id] for id in parsed.file.drive)
 
 
 def _groups(file: PlantFile) -> list[GroupConfig]:

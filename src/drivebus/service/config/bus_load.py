@@ -178,9 +178,9 @@ def _bus_load(plant: PlantConfig, bus: BusConfig) -> BusLoadEstimate:
     )
 
 
-def _drive_load(drive: DriveConfig, dialect: Dialect, settings: SerialSettings, whole: BusLoad) -> DriveLoadEstimate:
+def _drive_load(drive: DriveConfig, dialect: Dialect, settings: SerialSettings, bus_load: BusLoad) -> DriveLoadEstimate:
     profile = dialect.profile
-    stretch = max(1.0, whole.load_percent / FULL_LOAD_PERCENT)
+    stretch = max(1.0, bus_load.load_percent / FULL_LOAD_PERCENT)
     periods = {
         name: max(profile.signals[name].period_s, drive.min_poll_interval_s) for name in polled_names(drive, profile)
     }
@@ -189,9 +189,9 @@ def _drive_load(drive: DriveConfig, dialect: Dialect, settings: SerialSettings, 
         address=drive.address,
         model=profile.model,
         load_percent=polling_load([(drive, dialect)], settings).load_percent,
-        stop_bound_s=whole.drives[drive.address].stop_bound_s,
+        stop_bound_s=bus_load.drives[drive.address].stop_bound_s,
         periods=periods,
-        refresh={name: period_s * stretch + whole.cycle_s for name, period_s in periods.items()},
+        refresh={name: period_s * stretch + bus_load.cycle_s for name, period_s in periods.items()},
         min_poll_interval_s=drive.min_poll_interval_s,
     )
 

@@ -49,10 +49,10 @@ def certificate_states(config: PlantConfig) -> Iterator[CertificateState]:
 
 def valid_until(files: CertificateFiles) -> datetime:
     """Return the end of the first certificate of a PEM file. Raises OSError, ValueError for anything else."""
-    found = _PEM_CERTIFICATE.search(files.certificate.read_text(encoding="ascii", errors="replace"))
-    if found is None:
+    match = _PEM_CERTIFICATE.search(files.certificate.read_text(encoding="ascii", errors="replace"))
+    if match is None:
         raise ValueError("no certificate")
-    return _not_after(ssl.PEM_cert_to_DER_cert(found[0]))
+    return _not_after(ssl.PEM_cert_to_DER_cert(match[0]))
 
 
 def _not_after(der: bytes) -> datetime:

@@ -118,9 +118,9 @@ def suggestions(name: str, choices: list[str]) -> dict[str, Any]:
 
 def _check_profile(parsed: ParsedPlant, id: str, drive: DriveTable) -> Iterator[Issue | Diagnostic]:
     """Yield the issues of a profile that could not be loaded."""
-    found = parsed.profile_errors[id].params
+    params = parsed.profile_errors[id].params
     path = ("drive", id, "model")
-    kinds = [diagnostic.kind for diagnostic in found["diagnostics"]]
+    kinds = [diagnostic.kind for diagnostic in params["diagnostics"]]
     if kinds == ["no_model"]:
         yield issue("unknown_model", path, drive.model, **suggestions(drive.model, profiles.models()))
         return
@@ -129,7 +129,7 @@ def _check_profile(parsed: ParsedPlant, id: str, drive: DriveTable) -> Iterator[
         return
     yield issue("refused_model", path, drive.model, count=len(kinds))
     first = next(other for other in parsed.profile_errors if parsed.profile_errors[other] is parsed.profile_errors[id])
-    yield from found["diagnostics"] if first == id else ()
+    yield from params["diagnostics"] if first == id else ()
 
 
 def _check_drive(parsed: ParsedPlant, id: str, drive: DriveTable, profile: DriveProfile) -> Iterator[Issue]:
@@ -276,11 +276,11 @@ def _offered(profile: DriveProfile, name: str) -> tuple[int | str, ...]:
 def _check_load(parsed: ParsedPlant, bus: str, drives: list[tuple[str, DriveTable]]) -> Iterator[Issue]:
     config = build.bus_config(parsed.file, bus)
     settings = serial_settings_of(config, parsed.profiles[drives[0][0]])
-    found = list(_check_periods(parsed, drives, settings))
-    yield from found
+    issues = list(_check_periods(parsed, drives, settings))
+    yield from issues
     paced = [(one, parsed.dialects[one.id]) for one in build.drives_on_bus(parsed, config)]
     load = polling_load(paced, settings).load_percent
-    if load > FULL_LOAD_PERCENT and not found:
+    if load > FULL_LOAD_PERCENT and not issues:
         least_s = sufficient_interval_s(paced, settings)
         kind = "overload" if least_s is not None else "too_many_drives"
         shown = f"{least_s or CANDIDATE_INTERVALS_S[-1]:g}"

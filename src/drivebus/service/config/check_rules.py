@@ -134,30 +134,32 @@ def _check_units(parsed: ParsedPlant, comparison: Comparison, path: KeyPath) -> 
         yield issue("expression_measures", path, shown, column=left.column, **units)
 
 
-def _with_unit(parsed: ParsedPlant, side: Operand) -> str:
-    return str(side) if isinstance(side, Quantity | StateLiteral) else f"{side} [{_unit(parsed, side) or '-'}]"
+def _with_unit(parsed: ParsedPlant, operand: Operand) -> str:
+    return (
+        str(operand) if isinstance(operand, Quantity | StateLiteral) else f"{operand} [{_unit(parsed, operand) or '-'}]"
+    )
 
 
-def _is_state(side: Operand) -> bool:
-    return isinstance(side, StateLiteral) or (isinstance(side, SignalReference) and side.name == STATE_NAME)
+def _is_state(operand: Operand) -> bool:
+    return isinstance(operand, StateLiteral) or (isinstance(operand, SignalReference) and operand.name == STATE_NAME)
 
 
-def quantity_of(parsed: ParsedPlant, side: Operand) -> str | None:
+def quantity_of(parsed: ParsedPlant, operand: Operand) -> str | None:
     """Return the quantity of an operand; None if it is unknown and already reported."""
-    if _is_state(side):
+    if _is_state(operand):
         return STATE_NAME
-    unit = _unit(parsed, side)
+    unit = _unit(parsed, operand)
     return None if unit is None or unit not in UNIT_MEASURES else UNIT_MEASURES[unit][0]
 
 
-def _unit(parsed: ParsedPlant, side: Operand) -> str | None:
-    if isinstance(side, Quantity):
-        return side.unit
-    if _is_state(side):
+def _unit(parsed: ParsedPlant, operand: Operand) -> str | None:
+    if isinstance(operand, Quantity):
+        return operand.unit
+    if _is_state(operand):
         return STATE_NAME
-    assert isinstance(side, SignalReference)
-    profile = parsed.profiles.get(side.drive)
-    signal = None if profile is None else profile.signals.get(side.name)
+    assert isinstance(operand, SignalReference)
+    profile = parsed.profiles.get(operand.drive)
+    signal = None if profile is None else profile.signals.get(operand.name)
     return None if signal is None else signal.unit
 
 
@@ -256,8 +258,10 @@ def _check_threshold(alarm: AlarmTable, threshold: float, signals: dict[str, Sig
             return
         back = threshold - alarm.hysteresis if alarm.kind == "above" else threshold + alarm.hysteresis
         if alarm.hysteresis and _outside(back, low, high):
-            found = alarm.hysteresis
-            yield issue("alarm_hysteresis", (*path, "hysteresis"), found, back=f"{back:g}", drive=drive, range=bounds)
+            hysteresis = alarm.hysteresis
+            yield issue(
+                "alarm_hysteresis", (*path, "hysteresis"), hysteresis, back=f"{back:g}", drive=drive, range=bounds
+            )
             return
 
 

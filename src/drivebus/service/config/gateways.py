@@ -91,13 +91,13 @@ def _load_all() -> tuple[dict[str, Gateway], type[PlantFile]]:
         other = points.setdefault(point.name, point)
         if point.value != other.value:
             raise _error(point, ConfigurationError("gateways.same_name", other=other.value))
-    found = {name: _load(points[name]) for name in sorted(points)}
+    gateways = {name: _load(points[name]) for name in sorted(points)}
     fields: dict[str, Any] = {
         name: (gateway.table, gateway.table()) if gateway.runs_without_table else (gateway.table | None, None)
-        for name, gateway in found.items()
+        for name, gateway in gateways.items()
     }
     tables = create_model("GatewayTables", __base__=GatewayTables, **fields)
-    return found, create_model("PlantFile", __base__=PlantFile, gateway=(tables, tables()))
+    return gateways, create_model("PlantFile", __base__=PlantFile, gateway=(tables, tables()))
 
 
 def _load(point: EntryPoint) -> Gateway:

@@ -72,8 +72,8 @@ def loads(
 def unreadable_file_diagnostic(path: str, error: OSError) -> Diagnostic:
     """Return the diagnostic of a file that cannot be read."""
     missing = isinstance(error, FileNotFoundError)
-    found = issue("no_file", (), None) if missing else unreadable_issue(error)
-    return to_diagnostic(found, path, None, CATALOGUE)
+    problem = issue("no_file", (), None) if missing else unreadable_issue(error)
+    return to_diagnostic(problem, path, None, CATALOGUE)
 
 
 def config_error(diagnostics: Sequence[Diagnostic]) -> ConfigurationError:
@@ -95,18 +95,18 @@ def _parse(
         text, raw = decode_toml(content)
     except TomlFault as fault:
         raise _single_error(source, fault.issue, fault.line) from None
-    found: list[Issue | Diagnostic] = [one for one in (format_issue(raw, PLANT_FILE_FORMAT),) if one is not None]
+    issues: list[Issue | Diagnostic] = [one for one in (format_issue(raw, PLANT_FILE_FORMAT),) if one is not None]
     parsed = None
-    if not found:
+    if not issues:
         file, faults = _validate(raw)
-        found += faults
+        issues += faults
         if file is not None:
             url = restore_url(file.history.url, history_url)
             file = file.model_copy(update={"history": file.history.model_copy(update={"url": url})})
             parsed = ParsedPlant(file=file, raw=raw, base=base, may_read_model=may_read_model)
-            found += check.all_issues(parsed)
-    if found:
-        raise config_error(_with_lines(found, text, source))
+            issues += check.all_issues(parsed)
+    if issues:
+        raise config_error(_with_lines(issues, text, source))
     assert parsed is not None
     unsafe = [*check_buses.interval_warnings(parsed), *_database_warnings(parsed.file.history.url)]
     warnings = _with_lines(unsafe, text, source)
@@ -129,9 +129,9 @@ def _validate(raw: Mapping[str, Any]) -> tuple[PlantFile | None, list[Issue]]:
         try:
             return schema.model_validate(rest), faults
         except ValidationError as error:
-            found = [_name_gateways(one) for one in issues_from_pydantic(error, schema)]
-        faults += [one for one in found if not _is_consequence(one, faults)]
-        for one in found:
+            issues = [_name_gateways(one) for one in issues_from_pydantic(error, schema)]
+        faults += [one for one in issues if not _is_consequence(one, faults)]
+        for one in issues:
             if one.path in (("plant",), ("plant", "id")):
                 plant = rest.get("plant")
                 rest["plant"] = (plant if isinstance(plant, dict) else {}) | PLACEHOLDER_PLANT
@@ -204,7 +204,7 @@ def state_directory_of(plant: str) -> Path:
 def _plant_table(file: Path) -> dict[str, Any]:
     """Return the table ``[plant]``; empty if it cannot be read."""
     try:
-        found = _PLANT_TABLE.search(file.read_text(encoding="utf-8-sig", errors="replace"))
-        return {} if found is None else tomllib.loads(found[1])
+        match = _PLANT_TABLE.search(file.read_text(encoding="utf-8-sig", errors="replace"))
+        return {} if match is None else tomllib.loads(match[1])
     except (OSError, tomllib.TOMLDecodeError):
         return {}

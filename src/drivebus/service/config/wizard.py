@@ -80,7 +80,7 @@ def read_answers(path: str) -> PlantAnswers:
     """
     try:
         text, data = decode_toml(Path(path).read_bytes())
-        found = _PlantAnswersIn.model_validate(data)
+        answers = _PlantAnswersIn.model_validate(data)
     except OSError as error:
         raise config_error([unreadable_file_diagnostic(path, error)]) from None
     except TomlFault as fault:
@@ -88,7 +88,7 @@ def read_answers(path: str) -> PlantAnswers:
     except ValidationError as error:
         faults = issues_from_pydantic(error, _PlantAnswersIn)
         raise config_error([to_diagnostic(one, path, line_of(text, one.path), CATALOGUE) for one in faults]) from None
-    return PlantAnswers(found.title, tuple(_bus_answer(one) for one in found.bus))
+    return PlantAnswers(answers.title, tuple(_bus_answer(one) for one in answers.bus))
 
 
 def _bus_answer(table: _BusAnswerIn) -> BusAnswer:
@@ -106,8 +106,8 @@ def _bus_answer(table: _BusAnswerIn) -> BusAnswer:
 
 def id_from_title(text: str, otherwise: str) -> str:
     """Return an id made from a title: lower case letters, digits and -."""
-    found = re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:40].strip("-")
-    return found or otherwise
+    id = re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:40].strip("-")
+    return id or otherwise
 
 
 def unique_id(preferred: str, taken: Iterable[str]) -> str:

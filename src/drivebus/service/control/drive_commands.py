@@ -281,7 +281,7 @@ class DriveCommands:
         if starts:
             check_start(self.plant, runtime)
         runtime.comm_loss.invalidate()
-        write = runtime.drive.write(params.values, params.save, params.force)
+        write = runtime.drive.write(params.values, save=params.save, force=params.force)
         try:
             outcome = await (self.run_motion(runtime, write) if starts else write)
         except DrivebusError as error:

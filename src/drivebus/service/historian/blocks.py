@@ -111,10 +111,10 @@ def decode_batch(data: bytes) -> list[tuple[int, int, SampleColumns]]:
     at = 4 + _BATCH_GROUP.size * rows
     if at + 17 * sum(n for _, _, n in heads) != len(data):
         raise DamagedBlock(f"{len(data)} bytes for {rows} groups")
-    found: list[tuple[int, int, SampleColumns]] = []
+    columns: list[tuple[int, int, SampleColumns]] = []
     for tag, first, n in heads:
         values, qualities, end = at + 8 * n, at + 16 * n, at + 17 * n
         samples = unpack("q", data[at:values]), unpack_floats(data[values:qualities]), data[qualities:end]
-        found.append((tag, first, samples))
+        columns.append((tag, first, samples))
         at = end
-    return found
+    return columns

@@ -36,10 +36,10 @@ class DamagedBlock(ValueError):
 
 def pack(code: str, numbers: Iterable[float]) -> bytes:
     """Return numbers of one ``array`` type code as little-endian bytes. Raises OverflowError."""
-    found = array(code, numbers)
+    numbers_array = array(code, numbers)
     if sys.byteorder == "big":
-        found.byteswap()
-    return found.tobytes()
+        numbers_array.byteswap()
+    return numbers_array.tobytes()
 
 
 def unpack(code: str, data: bytes) -> list[int]:
@@ -151,10 +151,10 @@ class ColumnReader:
         size = self._n - 1
         if width == 1:
             return self.take(size)
-        planes, found = self.take(size * width), bytearray(size * width)
+        planes, data = self.take(size * width), bytearray(size * width)
         for n in range(width):
-            found[n::width] = planes[n * size : (n + 1) * size]
-        return bytes(found)
+            data[n::width] = planes[n * size : (n + 1) * size]
+        return bytes(data)
 
     def floats(self) -> list[float]:
         places, exceptions = _FLOATS.unpack(self.take(_FLOATS.size))
@@ -165,10 +165,10 @@ class ColumnReader:
             raise DamagedBlock(f"{places} decimal places")
         positions = unpack("I", self.take(4 * exceptions))
         exact = unpack_floats(self.take(8 * exceptions))
-        found = _restore(self.integers(), 10.0**places)
+        values = _restore(self.integers(), 10.0**places)
         for position, value in zip(positions, exact, strict=True):
             if position >= self._n:
                 raise DamagedBlock(f"position {position} of {self._n}")
             if begin <= position < end:
-                found[position - begin] = value
-        return found
+                values[position - begin] = value
+        return values

@@ -72,12 +72,12 @@ def wide_rows(rows: Sequence[ExportRow], names: Sequence[str], *, is_raw: bool) 
     columns = SAMPLE_COLUMNS if is_raw else ROLLUP_COLUMNS
     value_at, quality_at = columns.index("value" if is_raw else "mean"), columns.index("quality")
     place = {name: at for at, name in enumerate(names, 1)}
-    found: dict[int, list[Any]] = {}
+    by_time: dict[int, list[Any]] = {}
     for row in rows:
         time_ms, name = row[:2]
         is_bad = is_raw and row[quality_at] == str(Quality.BAD)
-        found.setdefault(time_ms, [time_ms, *[None] * len(names)])[place[name]] = None if is_bad else row[value_at]
-    return [tuple(line) for line in found.values()]
+        by_time.setdefault(time_ms, [time_ms, *[None] * len(names)])[place[name]] = None if is_bad else row[value_at]
+    return [tuple(line) for line in by_time.values()]
 
 
 def export_columns(params: ExportParams) -> tuple[str, ...]:
@@ -113,11 +113,11 @@ def export_windows(
 
 
 def _sample_rows(reader: HistoryReader, tags: Mapping[str, Tag], first: int, last: int) -> list[ExportRow]:
-    found = reader.samples([tag.id for tag in tags.values()], first, last)
+    samples = reader.samples([tag.id for tag in tags.values()], first, last)
     rows = [
         (time, name, None if value != value else value, tag.unit, str(QUALITY_BY_CODE[code]), number)
         for name, tag in tags.items()
-        for number, time, value, code in zip(found[tag.id].number, *found[tag.id].samples, strict=True)
+        for number, time, value, code in zip(samples[tag.id].number, *samples[tag.id].samples, strict=True)
     ]
     return sorted(rows, key=lambda row: (row[0], row[1], row[5]))
 
@@ -125,11 +125,11 @@ def _sample_rows(reader: HistoryReader, tags: Mapping[str, Tag], first: int, las
 def _point_rows(
     reader: HistoryReader, level: ResolutionLevel, tags: Mapping[str, Tag], first: int, last: int
 ) -> list[ExportRow]:
-    found = dict(reader.points(level, [tag.id for tag in tags.values()], first, last))
+    points = dict(reader.points(level, [tag.id for tag in tags.values()], first, last))
     rows = [
         (time, name, *((low, mean, high) if n else (None, None, None)), tag.unit, str(QUALITY_BY_CODE[code]), n)
         for name, tag in tags.items()
-        for time, n, low, mean, high, code in zip(*found[tag.id].columns(), strict=True)
+        for time, n, low, mean, high, code in zip(*points[tag.id].columns(), strict=True)
     ]
     return sorted(rows, key=lambda row: row[:2])
 

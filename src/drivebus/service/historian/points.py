@@ -134,10 +134,10 @@ def concat(pieces: Iterable[Points]) -> Points:
 
 
 def _joined(columns: Iterable[Sequence[T]]) -> list[T]:
-    found = list[T]()
+    values = list[T]()
     for column in columns:
-        found += column
-    return found
+        values += column
+    return values
 
 
 def slice_time(points: Points, first_ms: int, last_ms: int) -> Points:
@@ -160,12 +160,12 @@ def bucket_ranges(time: Sequence[int], width_ms: int) -> list[tuple[int, int]]:
         keys = [moment // width_ms for moment in time]
         changes = list(compress(range(1, len(keys)), map(ne, keys, keys[1:])))
         return list(zip([0, *changes], [*changes, len(keys)], strict=True))
-    found, begin = [], 0
+    ranges, begin = [], 0
     while begin < len(time):
         end = bisect_left(time, (time[begin] // width_ms + 1) * width_ms, begin)
-        found.append((begin, end))
+        ranges.append((begin, end))
         begin = end
-    return found
+    return ranges
 
 
 def roll_up(points: Points, width_ms: int) -> Points:

@@ -81,8 +81,8 @@ class HistoryQueries:
         names = {tag: name for name, tag in ids.items()}
 
         def read(level: ResolutionLevel) -> dict[str, Points]:
-            found = self._reader.points(level, list(names), *span)
-            return {names[tag]: downsample(points, level, *span, params.points) for tag, points in found}
+            stored = self._reader.points(level, list(names), *span)
+            return {names[tag]: downsample(points, level, *span, params.points) for tag, points in stored}
 
         level, shown = coarsest_covering(coarsest_sufficient(*span, params.points), *span, read)
         return {

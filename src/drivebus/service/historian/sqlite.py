@@ -69,10 +69,10 @@ class SqliteConnection:
     def _file_identity(self) -> tuple[int, int] | None:
         """Return device and inode of the file; None where there is none."""
         try:
-            found = self.path.stat()
+            status = self.path.stat()
         except FileNotFoundError:
             return None
-        return found.st_dev, found.st_ino
+        return status.st_dev, status.st_ino
 
     def _check_same_file(self) -> None:
         """Raise StoreError where the writer's file was removed or replaced.

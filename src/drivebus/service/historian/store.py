@@ -301,8 +301,8 @@ class HistoryStore:
     @_raises_store_error
     def merged_block(self, level: ResolutionLevel, tag: int, start_ms: int) -> bytes | None:
         query = "SELECT data FROM block WHERE level = ? AND tag = ? AND start_ms = ? AND number = 0"
-        found = self.connection.fetch(query, level, tag, start_ms)
-        return bytes(found[0][0]) if found else None
+        rows = self.connection.fetch(query, level, tag, start_ms)
+        return bytes(rows[0][0]) if rows else None
 
     @_raises_store_error
     def delete_blocks(self, level: ResolutionLevel, before_ms: int, max_rows: int) -> int:
@@ -317,8 +317,8 @@ class HistoryStore:
     @_raises_store_error
     def oldest_stored_ms(self, level: ResolutionLevel, skip: int) -> int | None:
         query = "SELECT stored_ms FROM block WHERE level = ? ORDER BY stored_ms LIMIT 1 OFFSET ?"
-        found = self.connection.fetch(query, level, skip)
-        return found[0][0] if found else None
+        rows = self.connection.fetch(query, level, skip)
+        return rows[0][0] if rows else None
 
     @_raises_store_error
     def save_clock(self, clock_ms: int, wall_ms: int) -> None:
@@ -344,8 +344,8 @@ class HistoryStore:
     @_raises_store_error
     def next_partition(self, level: ResolutionLevel, tags: Sequence[int], from_ms: int) -> int | None:
         query = "SELECT min(start_ms) FROM block WHERE level = ? AND tag = ? AND start_ms >= ?"
-        found = [self.connection.fetch(query, level, tag, from_ms)[0][0] for tag in tags]
-        return min((start for start in found if start is not None), default=None)
+        starts_ms = [self.connection.fetch(query, level, tag, from_ms)[0][0] for tag in tags]
+        return min((start for start in starts_ms if start is not None), default=None)
 
     @_raises_store_error
     def events(self, window: EventQuery) -> list[EventRow]:

@@ -183,7 +183,7 @@ class BatchBuilder:
 
     def _changed_tags(self, names: list[str], queued: QueuedBatch) -> list[Tag]:
         """Return the tags that are new or have a new unit or text."""
-        found = []
+        changed = []
         self._labels.update(queued.labels)
         free = 1 + max((tag.id for tag in self.tags.values()), default=0)
         for name in dict.fromkeys([*names, *(name for name in queued.labels if name in self.tags)]):
@@ -193,8 +193,8 @@ class BatchBuilder:
                 unit, text = self._labels[name]
                 tag = replace(tag, unit=unit, text=text)
             if self.tags.get(name) != tag:
-                found.append(tag)
-        return found
+                changed.append(tag)
+        return changed
 
     def confirm(self, batch: Batch) -> None:
         """Take over the numbers of a batch that is durable."""
@@ -303,9 +303,9 @@ class HistoryWriter:
             self._record_failure(error)
             raise
         except DamagedBlock as error:
-            found = StoreError(bilingual_text("history.damaged_block", detail=str(error)))
-            self._record_failure(found)
-            raise found from error
+            failure = StoreError(bilingual_text("history.damaged_block", detail=str(error)))
+            self._record_failure(failure)
+            raise failure from error
         if self.problem is not None:
             self.problem = None
             self._report_lost_samples()

@@ -220,8 +220,8 @@ class IncidentRecorder:
     async def _add_parameters(self, id: str, drive: str) -> None:
         assert self._read_parameters is not None
         try:
-            found = await self._read_parameters(drive)
-            await asyncio.get_running_loop().run_in_executor(None, partial(self._store.add_parameters, id, found))
+            parameters = await self._read_parameters(drive)
+            await asyncio.get_running_loop().run_in_executor(None, partial(self._store.add_parameters, id, parameters))
         except Exception as error:  # the drive does not answer or the disk is full: the incident is complete without
             reason = error if isinstance(error, DrivebusError) else SystemReason(error)
             LOG.warning(i18n.preferred_text("log.parameters_not_saved", drive=drive, reason=reason))

@@ -39,19 +39,19 @@ class IncidentStore:
         self.folder, self._max_incidents, self._max_bytes = folder, max_incidents, max_bytes
         self._lock = Lock()
 
-    def write(self, drive: str, summary: Json, whole: Json, header: CaptureHeader, frames: WireFrames) -> str:
+    def write(self, drive: str, summary: Json, incident: Json, header: CaptureHeader, frames: WireFrames) -> str:
         """Write an incident durably and return its id. Raises OSError; then nothing was written."""
         with self._lock:
-            return self._write(drive, summary, whole, header, frames)
+            return self._write(drive, summary, incident, header, frames)
 
-    def _write(self, drive: str, summary: Json, whole: Json, header: CaptureHeader, frames: WireFrames) -> str:
+    def _write(self, drive: str, summary: Json, incident: Json, header: CaptureHeader, frames: WireFrames) -> str:
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         self._remove_partial()
         id = f"{1 + max((_incident_number(one) for one in self._ids()), default=0):06}-{drive or 'plant'}"
         part = self.folder / f".{id}"
         part.mkdir(mode=0o700)
         _write_capture(part / CAPTURE_FILE, header, frames)
-        atomic_write_private(part / "incident.json", _encode({"id": id, **summary, **whole}))
+        atomic_write_private(part / "incident.json", _encode({"id": id, **summary, **incident}))
         atomic_write_private(part / "summary.json", _encode({"id": id, **summary}))
         part.rename(self.folder / id)
         fsync_directory(self.folder)
@@ -79,21 +79,23 @@ class IncidentStore:
         Raises NotFound.
         """
         path = self._path(id)
-        found = _read_json(path / "incident.json")
-        if found is None:
+        incident = _read_json(path / "incident.json")
+        if incident is None:
             raise NotFound("alarms.no_incident", incident=id)
         capture = {"name": f"{id}.dbcap", "text": (path / CAPTURE_FILE).read_text(encoding="utf-8")}
         notes = _read_notes(path / NOTES_FILE)
-        return found | {"parameters": _read_json(path / "parameters.json"), "notes": notes, "capture": capture}
+        return incident | {"parameters": _read_json(path / "parameters.json"), "notes": notes, "capture": capture}
 
     def query(
         self, from_ms: int, to_ms: int, drive: str | None = None, cursor: str | None = None, limit: int = 100
     ) -> Json:
         """Return a page of summaries, newest first. Raises InvalidParameters for an unknown cursor."""
-        found = ((_incident_number(id), _read_json(self.folder / id / "summary.json")) for id in reversed(self._ids()))
+        summaries = (
+            (_incident_number(id), _read_json(self.folder / id / "summary.json")) for id in reversed(self._ids())
+        )
         wanted = (
             (number, one)
-            for number, one in found
+            for number, one in summaries
             if one is not None
             and _is_summary(one)
             and from_ms <= one["time_ms"] < to_ms
@@ -144,10 +146,10 @@ def _encode(value: Json) -> bytes:
 def _read_json(path: Path) -> Json | None:
     """Return the object in a file; None if it is missing or damaged."""
     try:
-        found = json.loads(path.read_bytes())
+        document = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):
         return None
-    return found if isinstance(found, dict) else None
+    return document if isinstance(document, dict) else None
 
 
 def _is_summary(found: Json) -> bool:

@@ -155,16 +155,16 @@ def unmet_reasons(expression: Expression, lookup: ValueLookup) -> list[Text]:
 
 
 def _comparison_text(comparison: Comparison, lookup: ValueLookup) -> Text:
-    found = [side for side in (comparison.left, comparison.right) if isinstance(side, SignalReference)]
-    values = [_operand_text(side, lookup) for side in found]
+    references = [side for side in (comparison.left, comparison.right) if isinstance(side, SignalReference)]
+    values = [_operand_text(side, lookup) for side in references]
     return bilingual_text("interlocks.reason", require=str(comparison), found=Text.join(values, "items"))
 
 
-def _operand_text(side: Operand, lookup: ValueLookup) -> Text:
-    assert isinstance(side, SignalReference)
-    value = lookup(side.drive, side.name)
+def _operand_text(operand: Operand, lookup: ValueLookup) -> Text:
+    assert isinstance(operand, SignalReference)
+    value = lookup(operand.drive, operand.name)
     if value is None:
-        return bilingual_text("interlocks.not_good", name=str(side))
+        return bilingual_text("interlocks.not_good", name=str(operand))
     number, unit = value
     shown = f"{number:g} {unit}".rstrip() if not isinstance(number, str) else number
-    return bilingual_text("interlocks.found", name=str(side), value=shown)
+    return bilingual_text("interlocks.found", name=str(operand), value=shown)

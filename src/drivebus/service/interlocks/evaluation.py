@@ -72,11 +72,11 @@ def evaluate(expression: Expression, lookup: ValueLookup) -> bool | None:
     if isinstance(expression, Not):
         inner = evaluate(expression.inner, lookup)
         return None if inner is None else not inner
-    found = [evaluate(part, lookup) for part in expression.parts]
+    results = [evaluate(part, lookup) for part in expression.parts]
     decides = isinstance(expression, Or)
-    if decides in found:
+    if decides in results:
         return decides
-    return None if None in found else not decides
+    return None if None in results else not decides
 
 
 def compare(comparison: Comparison, lookup: ValueLookup) -> bool | None:
@@ -102,16 +102,18 @@ def _same_state(comparison: Comparison, left: str, right: str) -> bool:
     return left == right
 
 
-def _operand_value(side: Operand, lookup: ValueLookup) -> tuple[float | str, str] | None:
+def _operand_value(operand: Operand, lookup: ValueLookup) -> tuple[float | str, str] | None:
     """Return a number in the first unit of its quantity, or the word of a state."""
-    if isinstance(side, StateLiteral):
-        return side.text, STATE_NAME
-    found = (side.value, side.unit) if isinstance(side, Quantity) else lookup(side.drive, side.name)
-    if found is None:
+    if isinstance(operand, StateLiteral):
+        return operand.text, STATE_NAME
+    value_and_unit = (
+        (operand.value, operand.unit) if isinstance(operand, Quantity) else lookup(operand.drive, operand.name)
+    )
+    if value_and_unit is None:
         return None
-    value, unit = found
+    value, unit = value_and_unit
     if isinstance(value, str):
-        return (value, STATE_NAME) if isinstance(side, SignalReference) and side.name == STATE_NAME else None
+        return (value, STATE_NAME) if isinstance(operand, SignalReference) and operand.name == STATE_NAME else None
     if value != value or not (unit in UNIT_MEASURES or unit == ANY_UNIT):
         return None
     quantity, factor = UNIT_MEASURES.get(unit, (ANY_UNIT, 1.0))
@@ -137,8 +139,8 @@ def _possible_results(expression: Expression, drive: str) -> frozenset[bool]:
 
 
 def _results_at_standstill(comparison: Comparison, drive: str) -> frozenset[bool]:
-    found = {compare(comparison, _standstill_lookup(drive, state)) for state in DriveState if state.output_off}
-    return _BOTH_RESULTS if None in found else frozenset(result for result in found if result is not None)
+    results = {compare(comparison, _standstill_lookup(drive, state)) for state in DriveState if state.output_off}
+    return _BOTH_RESULTS if None in results else frozenset(result for result in results if result is not None)
 
 
 def _standstill_lookup(drive: str, state: DriveState) -> ValueLookup:

@@ -140,10 +140,10 @@ class _Parser:
         self._depth = 0
 
     def parse(self) -> Expression:
-        found = self._or()
+        expression = self._or()
         if self._next.kind != "end":
             self._syntax_error("expression.expected_end")
-        return found
+        return expression
 
     @property
     def _next(self) -> _Token:
@@ -156,9 +156,9 @@ class _Parser:
     def _syntax_error(self, expected: str) -> NoReturn:
         """Raise the error of an unexpected token; ``expected`` is an i18n key."""
         token = self._next
-        found = token.text or _CatalogueText("expression.end")
+        token_text = token.text or _CatalogueText("expression.end")
         raise ConfigurationError(
-            "expression.syntax", column=token.column, found=found, expected=_CatalogueText(expected)
+            "expression.syntax", column=token.column, found=token_text, expected=_CatalogueText(expected)
         )
 
     def _or(self) -> Expression:
@@ -186,9 +186,9 @@ class _Parser:
         if self._depth == MAX_NESTING:
             raise ConfigurationError("expression.deep", column=self._next.column, most=MAX_NESTING)
         self._depth += 1
-        found = read()
+        expression = read()
         self._depth -= 1
-        return found
+        return expression
 
     def _negation(self) -> Expression:
         self._advance()
@@ -196,11 +196,11 @@ class _Parser:
 
     def _parenthesis(self) -> Expression:
         self._advance()
-        found = self._or()
+        expression = self._or()
         if self._next.text != ")":
             self._syntax_error("expression.expected_closing")
         self._advance()
-        return found
+        return expression
 
     def _comparison(self) -> Expression:
         left = self._operand()

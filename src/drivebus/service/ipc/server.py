@@ -43,9 +43,7 @@ class SocketServer:
 
     async def open(self) -> None:
         """Listen, also again where the socket was removed; connections that are open go on. Raises OSError."""
-        before, self._server = self._server, await listen_unix(self.path, self._connected)
-        if before is not None:
-            before.close()
+        self._server = await reopen_server(self._server, self.path, self._connected)
 
     async def close(self) -> None:
         """Disconnect every client; pending requests are cancelled."""
@@ -191,9 +189,7 @@ class StopServer:
 
     async def open(self) -> None:
         """Listen, also again where the socket was removed; connections that are open go on. Raises OSError."""
-        before, self._server = self._server, await listen_unix(self.path, self._connected)
-        if before is not None:
-            before.close()
+        self._server = await reopen_server(self._server, self.path, self._connected)
 
     async def close(self) -> None:
         await close_server(self._server, self.path)
@@ -203,8 +199,8 @@ class StopServer:
             if await reader.readline() == STOP_REQUEST:
                 self._stops += 1
                 writer.write(STOP_RECEIVED)
-                found = await self._service.call(PLANT_STOP.name, {}, local_actor("stop-all", f"stop-{self._stops}"))
-                writer.write(json.dumps(found, ensure_ascii=False).encode() + b"\n")
+                outcomes = await self._service.call(PLANT_STOP.name, {}, local_actor("stop-all", f"stop-{self._stops}"))
+                writer.write(json.dumps(outcomes, ensure_ascii=False).encode() + b"\n")
                 await writer.drain()
         except (ValueError, ConnectionError):
             return
@@ -215,18 +211,21 @@ class StopServer:
 ConnectionHandler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 
 
-async def listen_unix(path: Path, connected: ConnectionHandler) -> asyncio.Server:
-    """Listen at a path that only this user may open; the socket that a killed service left there is removed.
+async def reopen_server(earlier: asyncio.Server | None, path: Path, connected: ConnectionHandler) -> asyncio.Server:
+    """Listen at a path that only this user may open, in place of an earlier server; its open connections go on.
 
-    Raises OSError.
+    The socket that a killed service left there is removed. Raises OSError; then the earlier server goes on.
     """
     with short_socket_path(path) as short:
         _unlink(short)
-        before = os.umask(0o177)
+        umask = os.umask(0o177)
         try:
-            return await asyncio.start_unix_server(connected, short, limit=MAX_MESSAGE_BYTES)
+            server = await asyncio.start_unix_server(connected, short, limit=MAX_MESSAGE_BYTES)
         finally:
-            os.umask(before)
+            os.umask(umask)
+    if earlier is not None:
+        earlier.close()
+    return server
 
 
 def _unlink(path: str | Path) -> None:

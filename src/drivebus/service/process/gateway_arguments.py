@@ -50,6 +50,7 @@ def gateway_arguments(
     gateway: GatewayConfig,
     address_output: AddressOutput = "plain",
     log_format: LogFormat = "text",
+    *,
     had_users: bool = False,
 ) -> GatewayArguments[Any]:
     """Return the arguments of one gateway of a plant."""

@@ -65,9 +65,9 @@ class ChildProcess:
             await asyncio.wait([after])
         pause_s, repeated = FIRST_RESTART_PAUSE_S, False
         while True:
-            begun = self._now()
+            started_at = self._now()
             code = await self._run_once()
-            if self._now() - begun >= STEADY_RUN_S:
+            if self._now() - started_at >= STEADY_RUN_S:
                 pause_s, repeated = FIRST_RESTART_PAUSE_S, False
             self._on_exit(code, repeated)
             await asyncio.sleep(pause_s)
@@ -163,7 +163,7 @@ class GatewaySupervisor(PlantListener):
 
         def on_exit(code: int, repeated: bool) -> None:
             status.pid, status.exit_code = None, code
-            self._report_exit(config.id, code, repeated)
+            self._report_exit(config.id, code, repeated=repeated)
 
         replaced = self._end(config.id) if config.id in self._children else None
         child = ChildProcess(
@@ -187,7 +187,7 @@ class GatewaySupervisor(PlantListener):
         task.add_done_callback(self._closing.discard)
         return task
 
-    def _report_exit(self, name: str, code: int, repeated: bool) -> None:
+    def _report_exit(self, name: str, code: int, *, repeated: bool) -> None:
         """Publish an event; of a gateway that keeps exiting only the first one, so that it fills no history."""
         if repeated:
             LOG.warning(i18n.preferred_text("log.gateway_ended_again", gateway=name, code=code))

@@ -118,15 +118,15 @@ class JsonFormatter(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         event = getattr(record, "event", None) or {}
-        found = {
+        document = {
             "time": wall_clock().isoformat(timespec="milliseconds"),
             "level": record.levelname.lower(),
             "text": record.getMessage(),
             **{name: event[name] for name in EVENT_FIELDS if event.get(name) is not None},
         }
         if record.exc_info:
-            found["trace"] = self.formatException(record.exc_info)
-        return json.dumps(found, ensure_ascii=False)
+            document["trace"] = self.formatException(record.exc_info)
+        return json.dumps(document, ensure_ascii=False)
 
 
 EVENT_FIELDS = ("kind", "drive", "actor", "outcome")

@@ -74,8 +74,8 @@ class ConfigurationCheck:
         if process.returncode != 0:
             reason = errors.decode("utf-8", "replace").strip().rpartition("\n")[2]
             raise ServiceUnavailable("plant.check_ended", reason=reason or process.returncode)
-        found: Json = json.loads(output)
-        return found
+        result: Json = json.loads(output)
+        return result
 
     def close(self) -> None:
         """End the check that is under way. Idempotent."""
@@ -145,10 +145,10 @@ def _unique(texts: Iterable[str]) -> list[str]:
 
 
 def _diagnostics_json(error: ConfigurationError) -> list[Json]:
-    found: Iterable[Diagnostic] = error.params.get("diagnostics", ())
+    diagnostics: Iterable[Diagnostic] = error.params.get("diagnostics", ())
     return [
         {"line": diagnostic.line, "key": diagnostic.key, "found": diagnostic.found.en, "text": to_plain(diagnostic)}
-        for diagnostic in found
+        for diagnostic in diagnostics
     ] or [{"line": None, "key": "", "found": "", "text": localized(error.key, error.params)}]
 
 

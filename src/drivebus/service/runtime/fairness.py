@@ -27,7 +27,7 @@ class _TurnQueue:
         self._kinds: deque[deque[asyncio.Future[None]]] = deque((deque(), deque()))
         self._queues = dict(zip((False, True), self._kinds, strict=True))
 
-    def wait(self, loop: asyncio.AbstractEventLoop, internal: bool) -> asyncio.Future[None]:
+    def wait(self, loop: asyncio.AbstractEventLoop, *, internal: bool) -> asyncio.Future[None]:
         turn = loop.create_future()
         if not any(self._kinds):
             loop.call_soon(self._next, loop)
@@ -57,17 +57,17 @@ async def yield_to_loop(*, internal: bool = False) -> None:
     loop = asyncio.get_running_loop()
     if (turns := _QUEUES.get(loop)) is None:
         turns = _QUEUES[loop] = _TurnQueue()
-    await turns.wait(loop, internal)
+    await turns.wait(loop, internal=internal)
 
 
 COMPACT_ENCODER = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan=False)
 
 
 async def iter_cooperatively(
-    many: Sequence[T], at_once: int = ITEMS_PER_TURN, *, internal: bool = False
+    items: Sequence[T], at_once: int = ITEMS_PER_TURN, *, internal: bool = False
 ) -> AsyncIterator[T]:
     """Iterate, and yield to the loop after each ``at_once`` items."""
-    for number, one in enumerate(many):
+    for number, one in enumerate(items):
         if number % at_once == at_once - 1:
             await yield_to_loop(internal=internal)
         yield one

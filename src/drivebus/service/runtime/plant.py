@@ -403,8 +403,8 @@ T = TypeVar("T")
 MAX_NAMES_IN_ERROR = 20  # a plant may have hundreds of drives
 
 
-def _lookup(known: dict[str, T], what: str, id: str) -> T:
-    if id not in known:
-        shown = [*list(known)[:MAX_NAMES_IN_ERROR], *(["…"] if len(known) > MAX_NAMES_IN_ERROR else [])]
-        raise NotFound(f"plant.no_{what}", id=id, known=tuple(shown) or "-")
-    return known[id]
+def _lookup(by_id: dict[str, T], kind: str, id: str) -> T:
+    if id not in by_id:
+        names = [*list(by_id)[:MAX_NAMES_IN_ERROR], *(["…"] if len(by_id) > MAX_NAMES_IN_ERROR else [])]
+        raise NotFound(f"plant.no_{kind}", id=id, known=tuple(names) or "-")
+    return by_id[id]

@@ -293,7 +293,7 @@ class C320Station(SimulatedStation):
     def _write(self, request: sunfar.SunfarWriteParameter) -> SunfarReply:
         """Execute classes 3 (RAM) and 5 (EEPROM too). A rejected write replies with data 0000."""
         key = request.group << 8 | request.item
-        rejection = self.memory.write_rejection(key, request.data, self.running)
+        rejection = self.memory.write_rejection(key, request.data, running=self.running)
         if rejection is None:
             self.memory.write(key, request.data, save=request.save)
         response = RESPONSES_BY_REASON[rejection] if rejection else SunfarResponse.OK
@@ -414,10 +414,10 @@ class C320Station(SimulatedStation):
             self.motor.reset()
         return SunfarResponse.OK
 
-    def keypad_run(self, frequency_hz: float, reverse: bool = False) -> None:
+    def keypad_run(self, frequency_hz: float, *, reverse: bool = False) -> None:
         """Start the drive at its keypad, except during an emergency stop: the manual names no way to run then."""
         if not self.emergency:
-            super().keypad_run(frequency_hz, reverse)
+            super().keypad_run(frequency_hz, reverse=reverse)
 
     def _set_frequency(self, frequency_hz: float) -> None:
         self.setpoint_hz = frequency_hz
@@ -436,7 +436,7 @@ class C320Station(SimulatedStation):
         raw = self.memory[JOG_HZ] if data is None else data
         self.motor.run(direction * raw * self.step_hz)
 
-    def _stop(self, jog_only: bool) -> None:
+    def _stop(self, *, jog_only: bool) -> None:
         self.emergency = self.restarting = False
         if self.jogging or not jog_only:
             self.motor.stop()

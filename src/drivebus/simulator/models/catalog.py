@@ -18,11 +18,11 @@ LOADS: Mapping[str, Callable[[], MotorLoad]] = {"constant": MotorLoad, "fan": Mo
 
 def simulated_models() -> dict[str, SimulatedModel]:
     """Return every simulated drive that was written from its manual, by name of its model."""
-    found: dict[str, SimulatedModel] = {}
+    by_name: dict[str, SimulatedModel] = {}
     for family in protocol_families():
         for models in family.simulated_models:
-            found |= resolve(models)
-    return found
+            by_name |= resolve(models)
+    return by_name
 
 
 def station_option_names() -> frozenset[str]:
@@ -33,10 +33,10 @@ def station_option_names() -> frozenset[str]:
 def simulated_model(name: str) -> SimulatedModel:
     """Return a simulated drive by the name of its model, in any case. Raises ConfigurationError."""
     models = simulated_models()
-    found = models.get(name.lower()) or _simulated_from_profile(name)
-    if found is None:
+    model = models.get(name.lower()) or _simulated_from_profile(name)
+    if model is None:
         raise ConfigurationError("sim.model", found=name, near=tuple(_similar_models(name) or list(models)[:4]))
-    return found
+    return model
 
 
 def make_station(
@@ -62,22 +62,24 @@ def make_station(
 def _simulated_from_profile(model: str) -> SimulatedModel | None:
     """Return a drive that does what its profile says: no evidence that the profile is right."""
     for family in protocol_families():
-        found: SimulatedModel | None = resolve(family.profile_simulator)(model) if family.profile_simulator else None
-        if found is not None:
-            return found
+        simulated: SimulatedModel | None = (
+            resolve(family.profile_simulator)(model) if family.profile_simulator else None
+        )
+        if simulated is not None:
+            return simulated
     return None
 
 
 def _similar_models(model: str) -> list[str]:
     """Return the simulated drives whose names are nearest to a name."""
     own = simulated_models()
-    found = [
+    similar = [
         name
         for family in protocol_families()
         if family.similar_models
         for name in resolve(family.similar_models)(model)
     ]
-    return [name for name in dict.fromkeys(found) if name in own or _simulated_from_profile(name) is not None]
+    return [name for name in dict.fromkeys(similar) if name in own or _simulated_from_profile(name) is not None]
 
 
 def make_stations(

@@ -155,7 +155,7 @@ class DF800Station(SimulatedStation):
             return True
         if register == FREQUENCY:
             return self._set_frequency(value)
-        if self.memory.write_rejection(register, value, self.running) is not None:
+        if self.memory.write_rejection(register, value, running=self.running) is not None:
             return False
         self.memory.write(register, value, save=True)
         return True

@@ -171,7 +171,7 @@ class DZB100Station(SimulatedStation):
         return dzb100.Dzb100Reply(head="R", address=self.address, index=request.parameter, data=data, accepted=known)
 
     def _write(self, request: dzb100.Dzb100WriteParameter) -> Any:
-        refused = self.memory.write_rejection(request.parameter, request.data, self.running) is not None
+        refused = self.memory.write_rejection(request.parameter, request.data, running=self.running) is not None
         if not refused:
             self.memory.write(request.parameter, request.data, save=True)
         return dzb100.Dzb100Reply(

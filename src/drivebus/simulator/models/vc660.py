@@ -219,7 +219,7 @@ class VC660Station(SimulatedStation):
         if 0x2000 <= register <= 0x2009:
             return self._control_register(register - 0x2000, value)
         key = register & ~SAVE_BIT
-        rejection = self.memory.write_rejection(key, value, self.running)
+        rejection = self.memory.write_rejection(key, value, running=self.running)
         if rejection is None:
             self.memory.write(key, value, save=bool(register & SAVE_BIT))
             return 0

@@ -91,17 +91,17 @@ class AuthMiddleware:
         routes = self.routes.match(scope["path"])
         if not routes:
             raise ResourceNotFound("auth.no_such_address")
-        found = next((route for route in routes if route.method == _method(scope)), None)
-        if found is None:
+        matching = next((route for route in routes if route.method == _method(scope)), None)
+        if matching is None:
             allowed = {route.method for route in routes} | {"HEAD" for route in routes if route.method == "GET"}
             raise MethodNotAllowed("auth.no_such_method", allowed=tuple(sorted(allowed)))
-        return found
+        return matching
 
     def _authenticate(self, route: Route, headers: Headers, scope: Scope) -> Credential | None:
         """Return the valid credential, if any. Raises AccessDenied for a cookie without its CSRF token."""
         if "authorization" in headers:
             return self._credential_from_token(headers, scope)
-        credential = self._credential_from_cookie(headers, scope["state"]["uses_tls"])
+        credential = self._credential_from_cookie(headers, uses_tls=scope["state"]["uses_tls"])
         if credential is not None and route.access is not AccessLevel.PUBLIC:
             self._check_csrf(route, headers, credential)
         return credential
@@ -111,8 +111,8 @@ class AuthMiddleware:
         is_bearer = kind.lower() == "bearer"
         return self.auth.token_credential(secret.strip(), client_address(scope)) if is_bearer else None
 
-    def _credential_from_cookie(self, headers: Headers, uses_tls: bool) -> SessionCredential | None:
-        secret = session_cookie(headers, uses_tls)
+    def _credential_from_cookie(self, headers: Headers, *, uses_tls: bool) -> SessionCredential | None:
+        secret = session_cookie(headers, uses_tls=uses_tls)
         return self.auth.session_credential(secret) if secret else None
 
     def _check_csrf(self, route: Route, headers: Headers, credential: SessionCredential) -> None:
@@ -192,13 +192,13 @@ def _right_missing(right: RequiredAccess, credential: Credential) -> AccessDenie
     return AccessDenied("auth.idle" if credential.is_idle else "auth.forbidden", right=right)
 
 
-def session_cookie(headers: Headers, uses_tls: bool = False) -> str | None:
+def session_cookie(headers: Headers, *, uses_tls: bool = False) -> str | None:
     """Return the secret of the session cookie; over TLS only of the one with the prefix, which no other page can set.
 
     Cookies are shared with every other port of the host, so other and malformed ones are skipped.
     """
-    found = request_cookies(headers)
-    return next((found[name] for name in COOKIE_NAMES[: 1 if uses_tls else None] if name in found), None)
+    cookies = request_cookies(headers)
+    return next((cookies[name] for name in COOKIE_NAMES[: 1 if uses_tls else None] if name in cookies), None)
 
 
 def request_cookies(headers: Headers) -> dict[str, str]:

@@ -33,8 +33,8 @@ class HostCheck:
 
     def is_known_host(self, headers: Headers) -> bool:
         """Return whether there is one Host header, with a name of this service or a numeric address."""
-        found = headers.getlist("host")
-        host = _HOST.fullmatch(found[0]) if len(found) == 1 else None
+        hosts = headers.getlist("host")
+        host = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
         name = (host[1] or host[2]).lower() if host is not None else ""
         return name in self._names or _is_address(name)
 
@@ -44,10 +44,10 @@ class HostCheck:
         Where the origin of a host is configured, no other scheme is accepted for it: behind a proxy with TLS, a page
         that was loaded over HTTP may be a foreign one.
         """
-        found = headers.getlist("origin")
-        if len(found) != 1:
+        origins = headers.getlist("origin")
+        if len(origins) != 1:
             return False
-        origin, host = found[0].lower(), headers["host"].lower()
+        origin, host = origins[0].lower(), headers["host"].lower()
         http_scheme = {"ws": "http", "wss": "https"}.get(scheme, scheme)
         return origin in self._origins or (origin == f"{http_scheme}://{host}" and host not in self._authorities)
 

@@ -25,8 +25,8 @@ async def get_health(request: Request, params: NoParams) -> Response:
 @handles(OPENAPI_GET)
 async def get_openapi(request: Request, params: NoParams) -> Json:
     """Answer the description; its first one takes a second, so that it is made in a thread, beside any stop."""
-    found: Json = await asyncio.to_thread(request.app.openapi)
-    return found
+    document: Json = await asyncio.to_thread(request.app.openapi)
+    return document
 
 
 @handles(METRICS_GET)

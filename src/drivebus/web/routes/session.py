@@ -143,9 +143,9 @@ async def end_session(request: Request, params: SessionParams) -> Json:
 
 
 def _session_credential(request: Request) -> SessionCredential:
-    found = credential_of(request)
-    assert isinstance(found, SessionCredential)  # the middleware lets nothing else through to these routes
-    return found
+    credential = credential_of(request)
+    assert isinstance(credential, SessionCredential)  # the middleware lets nothing else through to these routes
+    return credential
 
 
 def _session_json(context: WebContext, credential: Credential | None) -> Json:

@@ -213,14 +213,14 @@ class Operation:
         try:
             return self.params.model_validate({name: params[name] for name in (*(fields & params.keys()), *unknown)})
         except ValidationError as error:
-            found = error.errors(include_url=False)[:MAX_FAULTS]
-            raise params_error(self.name, pydantic_faults(found)) from error
+            faults = error.errors(include_url=False)[:MAX_FAULTS]
+            raise params_error(self.name, pydantic_faults(faults)) from error
 
     def all_param_schemas(self) -> Json:
         """Return the JSON schemas of the parameters, by name, without references."""
         schema = self.params.model_json_schema()
-        found: Json = _without_references(schema.get("properties", {}), schema.get("$defs", {}))
-        return found
+        schemas: Json = _without_references(schema.get("properties", {}), schema.get("$defs", {}))
+        return schemas
 
     def param_schemas(self) -> Json:
         """Return the JSON schemas of the parameters outside the path, by name."""
