@@ -72,7 +72,7 @@ def test_ctrl_c_stops_a_motor_while_the_reader_of_the_output_does_not_read(monke
     monkeypatch.setattr("drivebus.cli.signals.shutdown_signals", ctrl_c_after_some_seconds)
     monkeypatch.setattr("sys.stdout", pipe.stream)
     with background_output():
-        code = virtual_time.run(run._run(target, 5.0, False, False, False))
+        code = virtual_time.run(run._run(target, 5.0, reverse=False, wait=False, detach=False))
         motor = find_simulated_bus("run").stations[0].motor
         stopped_before_it_was_read = not pipe.is_read.is_set()
         pipe.is_read.set()
