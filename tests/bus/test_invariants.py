@@ -118,7 +118,7 @@ def test_the_same_seed_gives_the_same_scenario_to_the_last_bit() -> None:
 
 
 @given(st.lists(st.tuples(st.binary(min_size=1, max_size=24), st.floats(0.0, 0.05), st.integers(0, 1)), max_size=30))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_no_bytes_ever_raise_or_stop_the_bus(pieces: list[tuple[bytes, float, int]]) -> None:
     """After garbage the bus works as before."""
     station = FakeStation()

@@ -33,7 +33,7 @@ from drivebus.protocols.modbus import (
 CODECS = [ModbusRtuCodec(), ModbusAsciiCodec(), ModbusRtuCodec("short"), ModbusAsciiCodec("short")]
 every_codec = pytest.mark.parametrize("codec", CODECS, ids=["rtu", "ascii", "rtu-short", "ascii-short"])
 Codec = ModbusRtuCodec | ModbusAsciiCodec
-quick = settings(max_examples=60, deadline=None, derandomize=True)
+quick = settings(max_examples=60, derandomize=True)
 
 station = st.integers(1, 247)
 word = st.integers(0, 0xFFFF)
@@ -143,7 +143,7 @@ garbage = st.one_of(
 
 
 @every_codec
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300, derandomize=True)
 @given(data=garbage, request=st.one_of(st.none(), request_strategy))
 def test_garbage_raises_protocol_errors_only_whole_and_byte_by_byte_alike(
     codec: Codec, data: bytes, request: Any

@@ -44,7 +44,7 @@ VALUES = st.lists(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     VALUES,
     st.sampled_from([AlarmKind.ABOVE, AlarmKind.BELOW]),
@@ -73,7 +73,7 @@ def test_every_raise_and_clear_is_at_the_tick_of_the_reference_model(
         assert travel > hysteresis, "no chattering inside the hysteresis"
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.floats(0.0, 100.0), st.floats(0.01, 5.0), st.integers(1, 400))
 def test_a_delay_ends_at_the_first_observation_not_before_it(start: float, step_s: float, observations: int) -> None:
     """Rounding of floating-point sums moves it by no observation."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivebus.errors import ConfigurationError
@@ -90,7 +90,7 @@ def check_refusal(text: str) -> None:
         assert config.bus_loads(found)
 
 
-@settings(deadline=None, max_examples=100, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=100)
 @given(spoiled())
 def test_a_spoiled_file_is_a_plant_or_is_refused_in_words(text: str) -> None:
     check_refusal(text)

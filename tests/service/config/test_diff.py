@@ -85,7 +85,7 @@ plants = st.builds(
 )
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(plants, plants)
 def test_applying_the_difference_turns_one_plant_into_the_other(old: PlantConfig, new: PlantConfig) -> None:
     change = config_diff(old, new)
@@ -105,7 +105,7 @@ def unchanged(change: ConfigDiff) -> tuple[str, ...]:
     return tuple(id for id in change.drives.order if change.actions.get(id) is ReloadAction.UNCHANGED)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(plants)
 def test_a_plant_does_not_differ_from_itself(plant: PlantConfig) -> None:
     change = config_diff(plant, plant)
@@ -113,7 +113,7 @@ def test_a_plant_does_not_differ_from_itself(plant: PlantConfig) -> None:
     assert unchanged(change) == tuple(drive.id for drive in plant.drives)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(plants, plants)
 def test_an_unchanged_drive_is_the_same_on_the_same_bus(old: PlantConfig, new: PlantConfig) -> None:
     change = config_diff(old, new)

@@ -363,7 +363,7 @@ def test_a_drive_with_another_protocol_is_named_and_left_out(capsys: pytest.Capt
 titles = st.text(max_size=30)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(titles, st.lists(titles, min_size=1, max_size=4), st.sampled_from(["en", "zh"]))
 def test_any_names_are_written_and_loaded_unchanged(title: str, names: list[str], language: str) -> None:
     """Quotes, backslashes, control characters and other scripts are escaped."""

@@ -6,7 +6,7 @@ import operator
 from typing import Any
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from drivebus.drives.state import DriveState
@@ -161,7 +161,6 @@ def test_nested_parentheses_are_parsed_up_to_their_limit() -> None:
     )
 
 
-@settings(deadline=None)
 @example("1<5")
 @example("1<5 or a.b<5")
 @given(st.text(alphabet="pump-1.state=<>!() andornot5HzA°C%\t\n\"'", max_size=60))
@@ -242,7 +241,6 @@ contents = st.fixed_dictionaries(
 )
 
 
-@settings(deadline=None)
 @given(trees, contents)
 def test_the_evaluation_agrees_with_a_naive_one(tree: Any, values: dict[tuple[str, str], Any]) -> None:
     def found(drive: str, name: str) -> tuple[float | str, str] | None:
@@ -253,7 +251,6 @@ def test_the_evaluation_agrees_with_a_naive_one(tree: Any, values: dict[tuple[st
     assert evaluate(parse(written(tree)), found) is (expected.pop() if len(expected) == 1 else None)
 
 
-@settings(deadline=None)
 @given(trees, contents, st.sampled_from([(drive, name) for drive in DRIVES for name in ("current", "state")]))
 def test_losing_a_value_never_makes_an_expression_hold(
     tree: Any, values: dict[tuple[str, str], Any], lost: tuple[str, str]
@@ -272,7 +269,6 @@ def test_losing_a_value_never_makes_an_expression_hold(
         assert evaluate(expression, among(values)) is True
 
 
-@settings(deadline=None)
 @given(trees)
 def test_a_written_tree_is_parsed_into_the_same_tree(tree: Any) -> None:
     """The structure is compared, not only the result."""
