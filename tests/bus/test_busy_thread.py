@@ -54,16 +54,16 @@ def seconds_of_waits() -> float:
 
 @pytest.mark.usefixtures("python_switch_interval")
 def test_a_busy_thread_does_not_delay_each_wake_up_of_the_loop_by_five_milliseconds() -> None:
-    async def measure() -> float:
+    async def is_quick_once() -> bool:
         loop = asyncio.get_running_loop()
         timer.acquire(loop)
         try:
-            return min(seconds_of_waits() for _ in range(5))
+            return any(seconds_of_waits() < ROUNDS * PYTHON_SWITCH_INTERVAL_S / 5 for _ in range(200))
         finally:
             timer.release(loop)
 
     with busy_thread():
-        assert asyncio.run(measure()) < ROUNDS * PYTHON_SWITCH_INTERVAL_S / 5
+        assert asyncio.run(is_quick_once()), "a busy machine may delay many of them, but not every one"
 
 
 @pytest.mark.usefixtures("python_switch_interval")

@@ -38,7 +38,7 @@ async def test_a_start_queued_before_a_suspend_is_not_sent_after_it(monkeypatch:
         starting = asyncio.create_task(bus.transact(start_request(bus.core, until=bus.now() + 2.0)))
         await asyncio.sleep(0)
         slept_s = 3600.0
-        result = await asyncio.wait_for(starting, 5)
+        result = await asyncio.wait_for(starting, 60)
         reading.cancel()
     assert isinstance(result.error, Expired) and result.error.params["late_ms"] > 3_590_000
     assert result.sent == b"" and len(port.sent) == 1 and station.start_count == 0
@@ -46,8 +46,8 @@ async def test_a_start_queued_before_a_suspend_is_not_sent_after_it(monkeypatch:
 
 async def test_a_closed_bus_has_the_same_time_and_opens_nothing() -> None:
     bus, files = Bus(ScriptedPort(wire_to())), open_files()
-    before = bus.now()
-    assert 0 <= time.clock_gettime(time.CLOCK_BOOTTIME) - before < 1 and before < bus.now()
+    begin = time.clock_gettime(time.CLOCK_BOOTTIME)
+    assert begin <= bus.now() < bus.now() <= time.clock_gettime(time.CLOCK_BOOTTIME)
     assert open_files() == files
 
 

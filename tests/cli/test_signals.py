@@ -17,12 +17,21 @@ from typing import Any
 
 import pytest
 
-from fixtures.child_process import CHILD_TIMEOUT_S, COMMAND, ENVIRONMENT, PtyTerminal, lines_until, running_command
+from fixtures.child_process import (
+    CHILD_TIMEOUT_S,
+    COMMAND,
+    ENVIRONMENT,
+    SLOW_MACHINE_C320,
+    PtyTerminal,
+    lines_until,
+    running_command,
+)
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and ptys of POSIX")
 
 
-DRIVE = ("--model", "c320", "--address", "1")
+SIMULATED_DRIVE = ("--model", "c320", "--address", "1")
+DRIVE = ("--model", str(SLOW_MACHINE_C320), "--address", "1")
 
 
 def finished(*words: str) -> subprocess.CompletedProcess[str]:
@@ -52,7 +61,7 @@ class Plant:
 
 @contextmanager
 def simulated(*where: str) -> Iterator[Plant]:
-    with running_command("simulate", "--json", *DRIVE, "--ramp", "1", "--baud", "19200", *where) as process:
+    with running_command("simulate", "--json", *SIMULATED_DRIVE, "--ramp", "1", "--baud", "19200", *where) as process:
         assert process.stdout is not None
         yield Plant(json.loads(process.stdout.readline())["url"])
 
@@ -78,7 +87,7 @@ def offline_drive() -> Iterator[str]:
 
 
 def run_words(plant: Plant, *more: str) -> tuple[str, ...]:
-    return ("run", plant.url, *DRIVE, "--frequency", "20", "--option", "setpoint_step=0.01", *more)
+    return ("run", plant.url, *DRIVE, "--frequency", "20", *more)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP])
@@ -140,8 +149,9 @@ def test_run_exits_with_1_when_another_master_stops_the_drive(tcp_plant: Plant) 
         lines_until(process, lambda line: line.startswith("running"))
         os.kill(process.pid, signal.SIGSTOP)
         with socket.create_connection(("127.0.0.1", int(re.findall(r":(\d+)", tcp_plant.url)[0]))) as other:
+            other.settimeout(CHILD_TIMEOUT_S)
             other.sendall(bytes.fromhex("2A 30 31 34 30 33 30 30 30 30 30 31 42 38 0D"))
-            time.sleep(1.0)
+            assert other.recv(64), "the reply to the stop"
         os.kill(process.pid, signal.SIGCONT)
         process.communicate(timeout=CHILD_TIMEOUT_S)
     assert process.returncode == 1
@@ -211,7 +221,7 @@ def test_jog_stops_when_the_terminal_is_closed(plant: Plant) -> None:
 def test_a_jog_whose_adapter_is_pulled_ends_while_the_key_is_still_held(tmp_path: Path) -> None:
     """The motor turns on and no stop can be sent: nothing said so before the key was released."""
     link = tmp_path / "drive"
-    words = ("simulate", "--json", *DRIVE, "--baud", "19200", "--link", str(link))
+    words = ("simulate", "--json", *SIMULATED_DRIVE, "--baud", "19200", "--link", str(link))
     with running_command(*words) as adapter:
         assert adapter.stdout is not None
         with PtyTerminal("jog", json.loads(adapter.stdout.readline())["url"], *DRIVE) as terminal:

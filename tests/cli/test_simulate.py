@@ -7,7 +7,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Any
 
 import pytest
 
-COMMAND = [sys.executable, "-m", "drivebus"]
+from fixtures.child_process import CHILD_TIMEOUT_S, COMMAND
 
 
 @contextmanager
@@ -37,15 +36,15 @@ def test_the_first_document_has_the_url_of_an_existing_pty(tmp_path: Path) -> No
         assert first["stations"] == 5
         assert link.resolve().is_char_device()
         child.send_signal(signal.SIGTERM)
-        assert child.wait(5) == 0
+        assert child.wait(CHILD_TIMEOUT_S) == 0
     assert not link.exists()
 
 
 def test_a_tcp_port_answers_a_real_frame() -> None:
     with simulated("--model", "vc660", "--address", "1", "--bind", "tcp://127.0.0.1:0") as (_, first):
         port = int(first["url"].split(":")[2].partition("?")[0])
-        with socket.create_connection(("127.0.0.1", port), 5) as connection:
-            connection.settimeout(5)
+        with socket.create_connection(("127.0.0.1", port), CHILD_TIMEOUT_S) as connection:
+            connection.settimeout(CHILD_TIMEOUT_S)
             connection.sendall(bytes.fromhex("010330020001") + bytes.fromhex("2ACA"))
             received = b""
             while len(received) < 7:
@@ -57,7 +56,7 @@ def test_a_tcp_port_answers_a_real_frame() -> None:
 def test_a_signal_ends_simulate_with_exit_code_0(number: signal.Signals) -> None:
     with simulated("--model", "df800", "--address", "1") as (child, _):
         child.send_signal(number)
-        assert child.wait(5) == 0
+        assert child.wait(CHILD_TIMEOUT_S) == 0
 
 
 def test_an_existing_file_is_not_replaced_by_the_link(tmp_path: Path) -> None:
@@ -67,7 +66,7 @@ def test_an_existing_file_is_not_replaced_by_the_link(tmp_path: Path) -> None:
         [*COMMAND, "simulate", "--model", "c320", "--address", "1", "--link", str(existing)],
         capture_output=True,
         text=True,
-        timeout=20,
+        timeout=CHILD_TIMEOUT_S,
         env=os.environ | {"DRIVEBUS_LANG": "en"},
     )
     assert done.returncode == 1

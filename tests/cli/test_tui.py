@@ -352,10 +352,7 @@ async def test_a_source_runs_in_its_own_thread_and_its_failure_is_raised() -> No
     source = FakeRowSource()
     threaded = ThreadedRowSource(source, RecordedCommands())
     await threaded.start()
-    for _ in range(50):
-        if threaded.drives():
-            break
-        await asyncio.sleep(0.02)
+    await until(lambda: bool(threaded.drives()))
     assert [row.name for row in threaded.drives()] == ["fan 1", "fan 2"]
     await threaded.close()
     assert source.closed

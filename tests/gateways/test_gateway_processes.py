@@ -35,7 +35,7 @@ TOY_FOLDER = Path(__file__).parents[1] / "fixtures" / "toy_gateway"
 ACTOR = local_actor("tester", "t-1")
 TIMEOUT_S = 60.0
 ANSWER_TIMEOUT_S = 2.0
-"""Answers of the service take milliseconds; a machine that runs other tests gets this long."""
+"""Answers of the service take milliseconds; a machine that runs other tests gets this long for the fastest of three."""
 PLANT = """
 format = 1
 [plant]
@@ -139,7 +139,7 @@ class RunningPlant:
         await self.wait_for_state("fan-2", "running")
         await self.call("drive.run", drive="fan-1", frequency_hz=20.0)
         await self.wait_for_state("fan-2", "stopped")
-        assert (await self.drive("fan-1"))["state"] == "running"
+        await self.wait_for_state("fan-1", "running")
         stopped = await asyncio.to_thread(command, "stop", "--all", str(self.folder / "plant.toml"), "--json")
         assert stopped.returncode == 0, stopped
         assert json.loads(stopped.stdout)["buses"]["a"]["confirmed"] is True
@@ -229,10 +229,13 @@ async def test_a_frozen_gateway_delays_neither_the_service_nor_the_other_gateway
         await wait_for_growth(tmp_path / "toy.jsonl")
         os.kill(pids["toy"], signal.SIGSTOP)
         await plant.check_service_works()
-        begun = time.monotonic()
-        await plant.call("plant.get")
-        assert (await client.get("/api/v1/health")).status_code == 200
-        assert time.monotonic() - begun < ANSWER_TIMEOUT_S
+        durations_s = []
+        for _ in range(3):
+            begun = time.monotonic()
+            await plant.call("plant.get")
+            assert (await client.get("/api/v1/health")).status_code == 200
+            durations_s.append(time.monotonic() - begun)
+        assert min(durations_s) < ANSWER_TIMEOUT_S
         assert {name: one["pid"] for name, one in (await plant.gateways()).items()} == pids
         os.kill(pids["toy"], signal.SIGCONT)
         await wait_for_growth(tmp_path / "toy.jsonl")
@@ -346,9 +349,9 @@ async def test_a_gateway_is_notified_of_a_reload_and_ends_with_its_service(monke
         task = asyncio.create_task(process._run(arguments, serve, lambda: events.put_nowait("reloaded")))  # type: ignore[arg-type]
         await asyncio.sleep(0)
         os.write(writing, RELOAD_LINE)
-        assert await asyncio.wait_for(events.get(), 5) == "reloaded"
+        assert await asyncio.wait_for(events.get(), TIMEOUT_S) == "reloaded"
         os.close(writing)
-        assert await asyncio.wait_for(events.get(), 5) == "ended"
+        assert await asyncio.wait_for(events.get(), TIMEOUT_S) == "ended"
         await task
 
 
@@ -367,7 +370,7 @@ async def test_the_service_notifies_a_gateway_whose_table_did_not_change() -> No
     child.start()
     await started.wait()
     child.notify_reload()
-    assert await asyncio.wait_for(codes.get(), 10) == 1
+    assert await asyncio.wait_for(codes.get(), TIMEOUT_S) == 1
     await child.close()
 
 

@@ -36,12 +36,12 @@ def started() -> Iterator[StartProgram]:
     yield start
     for process in running:
         process.terminate()
-        process.wait(5)
+        process.wait(60)
         assert process.stdout is not None
         process.stdout.close()
 
 
-def wait_for(condition: Callable[[], bool], what: str, seconds: float = 10.0) -> None:
+def wait_for(condition: Callable[[], bool], what: str, seconds: float = 60.0) -> None:
     """Wait for a condition outside this process; ``what`` names it in the failure."""
     until = time.monotonic() + seconds
     while not condition():

@@ -94,7 +94,9 @@ def test_a_device_of_roots_own_group_needs_a_rule_and_no_membership(
 
 
 def test_a_busy_port_names_the_program_that_uses_it(pty: Pty) -> None:
-    program = "import os, sys, time; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print(1, flush=True); time.sleep(9)"
+    program = (
+        "import os, sys, time; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print(1, flush=True); time.sleep(60)"
+    )
     with subprocess.Popen([sys.executable, "-c", program, pty.path], stdout=subprocess.PIPE) as child:
         assert child.stdout is not None
         child.stdout.readline()
@@ -111,7 +113,7 @@ def test_a_user_that_proc_hides_is_identified_by_its_lock(pty: Pty, monkeypatch:
     monkeypatch.setattr(open_errors, "device_users", lambda paths: {path: [] for path in paths})
     program = (
         "import fcntl, os, sys, time; fcntl.flock(os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY), fcntl.LOCK_EX); "
-        "print(1, flush=True); time.sleep(9)"
+        "print(1, flush=True); time.sleep(60)"
     )
     assert lock_holder(pty.path) is None
     with subprocess.Popen([sys.executable, "-c", program, pty.path], stdout=subprocess.PIPE) as child:

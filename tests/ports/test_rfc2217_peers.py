@@ -87,7 +87,7 @@ def ser2net(pty: Pty, tmp_path: Path) -> Iterator[tuple[int, int]]:
 def wait_for(number: int, child: subprocess.Popen[bytes]) -> None:
     """Wait for the listening socket without connecting: a serial server accepts one client only."""
     listening = f":{number:04X} 00000000:0000 0A"
-    for _ in range(500):
+    for _ in range(6000):
         if listening in Path("/proc/net/tcp").read_text():
             return
         if child.poll() is not None and child.stdout is not None:
@@ -101,7 +101,7 @@ async def both_ways(link: str, pty: Pty) -> None:
     await port.open(sink)
     got = bytearray()
     port.write(EVERY_BYTE)
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(60):
         while len(got) < len(EVERY_BYTE):
             got += pty.read()
             await asyncio.sleep(0.005)

@@ -15,20 +15,11 @@ from typing import Any
 from verification.reference.effects import RequestEffect
 from verification.reference.request_effects import classify_request
 
-PROCESS_TIMEOUT_S = 20.0
+PROCESS_TIMEOUT_S = 60.0
 """Longest wait for another process on a loaded machine; no test asserts how long it takes."""
 COMM_LOSS_TIMER_S = 2.0
 C320_TIMER_PARAMETERS = {0x903: 2, 0x904: round(COMM_LOSS_TIMER_S * 10)}
 """F9.3 = 2: trip on communication loss; F9.4: tenths of a second without a frame."""
-SLOW_MACHINE_PROFILE = """format = 1
-extends = "c320"
-model = "slow_adapter"
-[options]
-setpoint_step.value = "0.01"
-[timing]
-adapter_latency_s = 0.3
-evidence = "user"
-"""
 STEP_S = 0.01
 """Interval at which the plant samples its motors."""
 
@@ -157,13 +148,6 @@ def c320(baud: int = 19200, **more: Any) -> dict[str, Any]:
 
 def vc660(baud: int = 19200, **more: Any) -> dict[str, Any]:
     return {"model": "vc660", "encoding": "rtu", "addresses": [1], "baud": baud} | more
-
-
-def slow_machine_c320(folder: Path) -> Path:
-    """Write the profile of a C320 on a busy machine: a reply may come 0.3 s late."""
-    own = folder / "slow_adapter.toml"
-    own.write_text(SLOW_MACHINE_PROFILE)
-    return own
 
 
 def bus_specification(model: str, encoding: str, **more: Any) -> dict[str, Any]:

@@ -19,6 +19,7 @@ import pytest
 from drivebus.bus import Bus
 from drivebus.drives.state import DriveState
 from drivebus.ports import open_port
+from fixtures.child_process import SLOW_MACHINE_C320
 from real.conftest import Start
 from real.host_process import slow_machine_drive
 from real.recorded_bench import (
@@ -27,7 +28,6 @@ from real.recorded_bench import (
     STEP_S,
     RecordedPlant,
     c320,
-    slow_machine_c320,
     wait_until,
 )
 from verification.reference.effects import RequestEffect
@@ -109,7 +109,7 @@ async def test_a_host_that_restarts_in_time_only_reads_and_thereby_keeps_the_dri
     host = started("host_process.py", "run", "c320", *(plant.url(line) for line in range(3)))
     events(host, "all")
     killed_at = kill(host, plant)
-    drive = ("--model", slow_machine_c320(plant.record.parent), "--address", "1", "--json")
+    drive = ("--model", SLOW_MACHINE_C320, "--address", "1", "--json")
     commands = [
         started("monitor", plant.url(1), *drive, "--period", "0.3", "--duration", "1.5"),
         started("status", plant.url(2), *drive),

@@ -11,8 +11,9 @@ import subprocess
 from collections.abc import Callable
 from typing import Any
 
+from fixtures.child_process import SLOW_MACHINE_C320
 from real.conftest import Start
-from real.recorded_bench import PROCESS_TIMEOUT_S, RecordedPlant, c320, slow_machine_c320, wait_until
+from real.recorded_bench import PROCESS_TIMEOUT_S, RecordedPlant, c320, wait_until
 from verification.reference.effects import RequestEffect
 
 Plants = Callable[..., RecordedPlant]
@@ -34,8 +35,9 @@ def host_actions(plant: RecordedPlant, line: int, *, reads_after_the_start: bool
 
 
 def run(started: Start, plant: RecordedPlant, line: int = 0) -> subprocess.Popen[str]:
-    model = slow_machine_c320(plant.record.parent)
-    return started("run", plant.url(line), "--model", model, "--address", "1", "--frequency", "20", "--json")
+    return started(
+        "run", plant.url(line), "--model", SLOW_MACHINE_C320, "--address", "1", "--frequency", "20", "--json"
+    )
 
 
 def last_document(process: subprocess.Popen[str]) -> dict[str, Any]:

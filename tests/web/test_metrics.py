@@ -278,7 +278,7 @@ ALARM: Json = {
 async def test_every_metric_of_the_table_is_scraped_and_every_label_is_bounded(tmp_path: Path) -> None:
     """The whole plant runs with its history on disk; the test adds the values that these drives do not report."""
     async with real_service(tmp_path) as kit:
-        for _ in range(100):
+        for _ in range(1000):
             message = await fetch_scrape_data(kit.service, VIEWER)
             if all(drive["state"] != "unknown" for drive in message.drives) and message.plant["disk"]:
                 break

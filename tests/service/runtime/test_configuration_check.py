@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -206,11 +205,11 @@ async def test_one_check_runs_at_a_time_and_ends_with_its_client(tmp_path: Path)
         with pytest.raises(ServiceUnavailable, match="another configuration"):
             await kit.call("configuration.check", text=SHOP_FILE)
         first.cancel()
-        assert await asyncio.wait_for(process.wait(), 5.0) == -9
+        assert await asyncio.wait_for(process.wait(), 60.0) == -9
         second = asyncio.create_task(client.call("configuration.check", {"text": LONG_TEXT}, LOCAL))
         process = await child_of(kit)
         await client.close()
-        assert await asyncio.wait_for(process.wait(), 5.0) == -9
+        assert await asyncio.wait_for(process.wait(), 60.0) == -9
         with pytest.raises(ServiceUnavailable):
             await second
 
@@ -218,12 +217,11 @@ async def test_one_check_runs_at_a_time_and_ends_with_its_client(tmp_path: Path)
 async def test_the_end_of_the_service_ends_a_check(tmp_path: Path) -> None:
     async with shop(tmp_path) as (kit, client):
         check = asyncio.create_task(client.call("configuration.check", {"text": LONG_TEXT}, LOCAL))
-        await child_of(kit)
-        started = time.monotonic()
+        process = await child_of(kit)
         await kit.service.stop()
         with pytest.raises(ServiceUnavailable, match="ended"):
             await check
-        assert time.monotonic() - started < 3.0
+        assert process.returncode == -9
 
 
 async def test_a_check_is_bounded_in_time_and_drives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -32,7 +32,7 @@ def test_stops_are_counted_by_request_and_by_outcome() -> None:
 
 async def test_the_statistics_contain_those_of_the_history_and_of_each_drive(tmp_path: Path) -> None:
     async with real_service(tmp_path) as kit:
-        for _ in range(100):
+        for _ in range(1000):
             found = await kit.call("plant.statistics")
             if found["history"]["samples"] and found["drives"]["fan-1"]["running_h"] is not None:
                 break
