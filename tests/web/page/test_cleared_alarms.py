@@ -10,7 +10,7 @@ import pytest
 from drivebus import i18n
 from drivebus.service.alarms import SystemAlarm
 from fixtures.browser import Stage
-from fixtures.browser_actions import expecting, unplugged
+from fixtures.browser_actions import DRAWN, expecting, unplugged
 
 FANS = ("fan-1", "fan-2", "fan-3")
 
@@ -163,14 +163,14 @@ WRONG_MARKS = """async () => {
         cleared_ms: isCleared ? 1 : null });
     }
     store.applyDelta({ topics: { alarms: { active } } });
-    await new Promise((resolve) => { setTimeout(resolve, 100); });
+    await DRAWN;
     for (const row of document.querySelectorAll('.alarmrow')) {
       const isPlain = getComputedStyle(row.querySelector('.priority')).outlineStyle === 'solid';
       if (isPlain !== row.classList.contains('cleared')) wrong.push(`${round} ${row.className}`);
     }
   }
   return wrong;
-}"""
+}""".replace("DRAWN", DRAWN)
 
 
 STRIP = """<section class="strip"><div class="banner alarm critical"><span class="priority critical">

@@ -9,7 +9,7 @@ import pytest
 
 from drivebus import i18n
 from fixtures.browser import Stage
-from fixtures.browser_actions import expecting, trip
+from fixtures.browser_actions import DRAWN, expecting, trip
 
 
 def call(page: Any, module: str, expression: str) -> Any:
@@ -197,12 +197,12 @@ TURNS = """async () => {
       acknowledged_ms: 1, shelved_until_ms: null, raised_ms: 1 })) : [];
     topics.alarms = { active };
     store.applyDelta({ topics });
-    await new Promise((resolve) => { setTimeout(resolve, 100); });
+    await DRAWN;
     const moved = heights().map((height, n) => height - known[n]).filter((by) => Math.abs(by) > 1);
     if (moved.length) found.push({ turn, moved });
   }
   return found;
-}"""
+}""".replace("DRAWN", DRAWN)
 
 
 @pytest.mark.parametrize(("size", "width"), [("normal", 1440), ("dense", 1440), ("normal", 360)])
@@ -224,12 +224,12 @@ TWO_TEXTS = """async (language) => {
   const view = { state: 'fault', fault, start_inhibited: true };
   const topics = Object.fromEntries(store.idsOf('drives').value.map((id) => [`drives/${id}`, view]));
   store.applyDelta({ topics });
-  await new Promise((resolve) => { setTimeout(resolve, 200); });
+  await DRAWN;
   return [...document.querySelectorAll('.tile :is(.tilefault, .tilenote)')].map((one) => {
     const line = parseFloat(getComputedStyle(one).lineHeight);
     return one.clientHeight % line;
   });
-}"""
+}""".replace("DRAWN", DRAWN)
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
@@ -345,7 +345,7 @@ WRONG_TILES = """async () => {
   const fault = { code: 3, label: 'E3', text: { en: 'x', zh: 'x' }, cause: null, remedy: null };
   const show = async (topics) => {
     store.applyDelta({ topics });
-    await new Promise((resolve) => { setTimeout(resolve, 200); });
+    await DRAWN;
   };
   await show(Object.fromEntries(ids.map((id) => [`drives/${id}`, quiet])));
   const wrong = [];
@@ -357,7 +357,7 @@ WRONG_TILES = """async () => {
     }
   }
   return wrong;
-}"""
+}""".replace("DRAWN", DRAWN)
 
 
 def test_a_tile_that_moves_as_it_trips_or_is_reset_is_drawn_by_its_new_state(visit: Any) -> None:
@@ -413,12 +413,10 @@ def test_the_state_of_a_tile_is_whole_while_the_connection_is_lost(stage: Stage,
 PENDING = """async (id) => {
   const store = await import('/static/js/store.js');
   store.applyDelta({ topics: { [`drives/${id}`]: { stop_pending: true, start_inhibited: true } } });
-  for (let n = 0; n < 100 && !document.querySelector('.tilefault'); n++) {
-    await new Promise((resolve) => { setTimeout(resolve, 20); });
-  }
+  await DRAWN;
   const faults = [...document.querySelectorAll('.tilefault')];
   return faults.map((one) => [one.textContent, one.scrollHeight - one.clientHeight]);
-}"""
+}""".replace("DRAWN", DRAWN)
 
 
 @pytest.mark.parametrize(("language", "text"), [("en", "Stop unconfirmed"), ("zh", "停机未确认")])
@@ -439,7 +437,7 @@ def test_filters_stay_in_place_and_show_a_whole_group_whatever_the_counts_are(
     """Regression: counts of one digit drew the filters beside them, with "Conveyors," for "Conveyors, hall 2"."""
     page = visit("#/fleet", size=(width, 900), language=language)
     group = page.locator(".fleetpicks select").first
-    group.wait_for()
+    page.locator(".tile").nth(4).wait_for()  # with a scroll bar where the tiles need one
     few = group.bounding_box()
     page.evaluate(
         """() => { for (const one of document.querySelectorAll('.fleettools .choice b')) one.textContent = '300'; }"""

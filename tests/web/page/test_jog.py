@@ -1,4 +1,7 @@
-"""A jog runs only while its button is held (T13), on a real plant."""
+"""A jog runs only while its button is held (T13), on a real plant.
+
+Its lease is half a second long in ``tests/drives``, in virtual time; here a busy machine may renew it much later.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,25 @@ from typing import Any
 import pytest
 
 from drivebus import i18n
+from drivebus.drives.jog_session import JogSession
 from fixtures.browser import Stage
+from fixtures.browser_actions import DRAWN
 from fixtures.service import LOCAL
 
 HOLD = "[data-jog=forward]"
+BUSY_MACHINE_S = 20.0
+PATIENT = f"""() => {{
+  const timeout = AbortSignal.timeout.bind(AbortSignal);
+  AbortSignal.timeout = (ms) => timeout(Math.max(ms, {BUSY_MACHINE_S * 1000}));
+}}"""
+"""Script that lets the page wait as long for the answer to a renewal."""
+
+
+@pytest.fixture(autouse=True)
+def late_renewals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the service accept a renewal that a busy machine delays."""
+    arm = JogSession._arm
+    monkeypatch.setattr(JogSession, "_arm", lambda session, left_s: arm(session, left_s + BUSY_MACHINE_S))
 
 
 @pytest.fixture
@@ -22,6 +40,7 @@ def page(stage: Stage, visit: Any) -> Any:
 
 def enabled(stage: Stage, page: Any, drive: str) -> Any:
     stage.call("waiver.grant", drive=drive, reason="watched bench")
+    page.evaluate(PATIENT)
     page.click("[data-do=take]")
     page.locator(".lease.own").wait_for()
     page.click(".control summary")
@@ -121,9 +140,11 @@ def test_no_button_of_the_control_panel_moves_while_a_jog_begins_and_ends(
     stage: Stage, visit: Any, size: tuple[int, int]
 ) -> None:
     """Regression: who stopped the drive stood in a line that came and went above the held button."""
-    page = visit("#/drive/pump-1", size=size)
     stage.call("waiver.grant", drive="pump-1", reason="watched bench")
+    page = visit("#/drive/pump-1", size=size)
+    page.evaluate(PATIENT)
     page.click("[data-do=take]")
+    page.locator(".lease.own").wait_for()
     page.click(".control summary")
     page.locator(".jog button:not(.hold):enabled").wait_for()
     place = "(one) => one.getBoundingClientRect().top + scrollY"
@@ -141,7 +162,7 @@ def test_no_button_of_the_control_panel_moves_while_a_jog_begins_and_ends(
         with page.expect_request("**/jog/renew"):
             page.mouse.down()
         stage.wait(lambda: stage.view("pump-1")["last_stop"] is None, "the last stop is shown")
-        page.wait_for_timeout(300)
+        page.evaluate(DRAWN)
         found.append(places())
         page.mouse.up()
         page.locator("[data-stop-by=jog]").wait_for()

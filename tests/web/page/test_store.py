@@ -11,6 +11,7 @@ import pytest
 from drivebus import i18n
 from drivebus.web.live.messages import MAX_RENEWALS
 from fixtures.browser import Stage, log_in
+from fixtures.browser_actions import DRAWN
 
 
 @pytest.fixture
@@ -156,12 +157,12 @@ def test_an_alarm_that_no_user_has_acknowledged_goes_before_an_acknowledged_one_
         id, priority, acknowledged_ms, raised_ms, shelved_until_ms: null });
       store.applyDelta({ topics: { alarms: { active: [
         alarm('read', 'critical', 5, 4), alarm('new', 'critical', null, 1), alarm('low', 'low', null, 9)] } } });
-      await new Promise((resolve) => { setTimeout(resolve, 100); });
+      await DRAWN;
       const found = [m.openAlarms().map(({ id }) => id), m.urgentAlarms().map(({ id }) => id)];
       store.applyDelta({ topics: { alarms: { active: [] } } });
       return found;
     }"""
-    assert scripts.evaluate(script) == [["new", "read", "low"], ["new"]]
+    assert scripts.evaluate(script.replace("DRAWN", DRAWN)) == [["new", "read", "low"], ["new"]]
 
 
 def test_an_alarm_that_is_cleared_and_not_acknowledged_is_listed_and_not_counted_as_active(scripts: Any) -> None:
@@ -170,12 +171,12 @@ def test_an_alarm_that_is_cleared_and_not_acknowledged_is_listed_and_not_counted
       const alarm = (id, cleared_ms) => ({
         id, cleared_ms, priority: 'high', acknowledged_ms: null, raised_ms: 1, shelved_until_ms: null });
       store.applyDelta({ topics: { alarms: { active: [alarm('over', 5), alarm('holds', null)] } } });
-      await new Promise((resolve) => { setTimeout(resolve, 100); });
+      await DRAWN;
       const found = [m.openAlarms().length, m.uncleared(m.openAlarms()).map(({ id }) => id)];
       store.applyDelta({ topics: { alarms: { active: [] } } });
       return found;
     }"""
-    assert scripts.evaluate(script) == [2, ["holds"]]
+    assert scripts.evaluate(script.replace("DRAWN", DRAWN)) == [2, ["holds"]]
 
 
 def test_equal_alarms_are_one_group_only_where_they_were_shelved_together(scripts: Any) -> None:
@@ -271,25 +272,27 @@ def test_a_takeover_of_a_drive_is_shown_until_it_is_dismissed(stage: Stage, visi
 
 
 def test_a_takeover_during_a_lost_connection_is_shown_without_a_time(page: Any) -> None:
-    found = page.evaluate("""async () => {
+    found = page.evaluate(
+        """async () => {
       const [store, live, session, m] = await Promise.all(
         ['store', 'live', 'session', 'control/takeovers'].map((one) => import(`/static/js/${one}.js`)));
       const hold = (owner, of) => store.applyDelta({ topics: { 'drives/x': { lease: { owner, session: of } } } });
-      const drawn = () => new Promise((resolve) => { setTimeout(resolve, 100); });
       hold('me', session.session.value.session);
-      await drawn();
+      await DRAWN;
       live.connection.value = 'lost';
       hold('bob', 'another');
-      await drawn();
+      await DRAWN;
       live.connection.value = 'live';
       return m.takeovers.value;
-    }""")
+    }""".replace("DRAWN", DRAWN)
+    )
     assert found == [{"drive": "x", "owner": "bob", "cause": "taken", "time_ms": None}]
 
 
 def test_a_namesake_at_the_command_line_is_no_other_window_of_the_user(page: Any) -> None:
     """The page took that takeover for one in another window of the user."""
-    found = page.evaluate("""async () => {
+    found = page.evaluate(
+        """async () => {
       const [store, session, m] = await Promise.all(
         ['store', 'session', 'control/takeovers'].map((one) => import(`/static/js/${one}.js`)));
       const { user, session: own } = session.session.value;
@@ -297,27 +300,30 @@ def test_a_namesake_at_the_command_line_is_no_other_window_of_the_user(page: Any
       for (const remote of [true, false]) {
         for (const of of [own, 'another']) {
           store.applyDelta({ topics: { 'drives/x': { lease: { owner: user, session: of, remote } } } });
-          await new Promise((resolve) => { setTimeout(resolve, 100); });
+          await DRAWN;
         }
         causes.push(m.takeovers.value.at(-1).cause);
       }
       return causes;
-    }""")
+    }""".replace("DRAWN", DRAWN)
+    )
     assert found == ["window", "taken"]
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_a_control_lease_that_ended_without_a_release_is_announced(visit: Any, language: str) -> None:
     page = visit("#/settings", language=language)
-    page.evaluate("""async () => {
+    page.evaluate(
+        """async () => {
       const [store, session, live] = await Promise.all(
         ['store', 'session', 'live'].map((one) => import(`/static/js/${one}.js`)));
       while (!live.isLive.value) await new Promise((resolve) => { setTimeout(resolve, 20); });
       for (const lease of [{ owner: 'me', session: session.session.value.session }, null]) {
         store.applyDelta({ topics: { 'drives/fan-1': { lease } } });
-        await new Promise((resolve) => { setTimeout(resolve, 100); });
+        await DRAWN;
       }
-    }""")
+    }""".replace("DRAWN", DRAWN)
+    )
     name = {"en": "Supply fan", "zh": "送风机"}[language]
     page.locator(".takeovers .banner", has_text=name).wait_for()
     shown = page.locator(".takeovers .banner a").inner_text()
@@ -402,8 +408,8 @@ def test_a_value_redraws_its_own_tile_and_no_other(stage: Stage, visit: Any) -> 
     page = visit("#/fleet")
     page.locator(".tile").nth(4).wait_for()
     stage.lose_server()
-    page.locator(".banner.bad").wait_for()
-    page.wait_for_timeout(600)
+    page.locator(".tile.old").nth(4).wait_for()
+    page.evaluate(DRAWN)
     drawn = page.evaluate("""async () => {
       const { options } = await import('/vendor/preact.js');
       const store = await import('/static/js/store.js');

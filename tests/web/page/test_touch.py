@@ -5,8 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from fixtures.browser import Stage
+from fixtures.browser_actions import DRAWN
 
 PHONE = {"size": (360, 740), "has_touch": True, "is_mobile": True}
+SCROLLED = "async () => { for (let at = -1; at !== scrollY; await DRAWN) at = scrollY; }".replace("DRAWN", DRAWN)
+"""Script that waits until the page scrolls no more."""
 
 
 def swipe(page: Any, begin: str, up: int) -> None:
@@ -24,7 +27,7 @@ def swipe(page: Any, begin: str, up: int) -> None:
         page.wait_for_timeout(16)
     finger.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
     page.wait_for_function("before => scrollY > before + 20", arg=before)
-    page.wait_for_timeout(200)
+    page.evaluate(SCROLLED)
 
 
 def test_a_swipe_that_begins_on_the_slider_or_a_button_scrolls_the_page_only(stage: Stage, visit: Any) -> None:
@@ -51,6 +54,5 @@ def test_a_tap_on_the_slider_still_sets_it(stage: Stage, visit: Any) -> None:
     slider.evaluate("one => one.scrollIntoView({ block: 'center' })")
     box = slider.bounding_box()
     page.touchscreen.tap(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    page.wait_for_timeout(200)
-    value = page.input_value(".control .frequency input[inputmode=decimal]")
-    assert 20 < float(value) < 25
+    value = "Number(document.querySelector('.control .frequency input[inputmode=decimal]').value)"
+    page.wait_for_function(f"() => 20 < {value} && {value} < 25")

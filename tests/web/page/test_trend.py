@@ -262,9 +262,8 @@ def test_a_bad_stretch_is_empty_and_an_uncertain_one_is_dashed(visit: Any) -> No
     begin = 1_700_000_000_000
     page.evaluate(f"location.hash = '#/history?tags={STEADY}&from={begin}&to={begin + 3_600_000}'")
     page.locator(".trend-window:has-text('2023-11-14')").wait_for()
-    page.wait_for_timeout(500)
     # What is fetched begins and ends a quarter of the window beyond it: bad from 1/4 to 3/4 of what is shown.
-    assert page.evaluate(COLOURED, [0.02, 0.2]) > 0.9
+    page.wait_for_function(f"(stretch) => ({COLOURED})(stretch) > 0.9", arg=[0.02, 0.2])
     assert page.evaluate(COLOURED, [0.3, 0.7]) == 0
     assert 0.2 < page.evaluate(COLOURED, [0.8, 0.98]) < 0.9
 

@@ -44,7 +44,8 @@ def test_a_request_of_before_the_unlocking_that_is_refused_after_it_does_not_log
     fall_idle(stage)
     held: list[Any] = []
     page.route("**/api/v1/history/tags*", lambda request: held.append(request))
-    page.reload()
+    with page.expect_request("**/api/v1/history/tags*"):
+        page.reload()
     page.fill("[data-do=unlock] input[type=password]", PASSWORD)
     page.click("[data-do=unlock] button[type=submit]")
     page.wait_for_selector("[data-do=unlock]", state="detached")
@@ -64,8 +65,8 @@ def test_an_answer_to_the_cookie_of_before_the_unlocking_does_not_log_out(stage:
     page.wait_for_selector("[data-do=unlock]")
     held: list[Any] = []
     page.route("**/api/v1/session", lambda request: held.append(request), times=1)
-    page.evaluate("() => { import('/static/js/session.js').then((found) => found.loadSession()); }")
-    page.wait_for_timeout(100)
+    with page.expect_request("**/api/v1/session"):
+        page.evaluate("() => { import('/static/js/session.js').then((found) => found.loadSession()); }")
     page.fill("[data-do=unlock] input[type=password]", PASSWORD)
     page.click("[data-do=unlock] button[type=submit]")
     page.wait_for_selector("[data-do=unlock]", state="detached")
