@@ -366,12 +366,15 @@ def test_stops_share_a_sync_probe_while_it_waits_and_each_probe_on_the_wire_is_a
 # --- the deadline ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("count", "timeout_s"), [(1, 2.0), (10, 3.4), (50, 11.4), (1000, 14.2)])
+@pytest.mark.parametrize(
+    ("model", "count", "timeout_s"),
+    [("c320", 1, 2.0), ("c320", 10, 3.4), ("c320", 50, 11.4), ("c320", 1000, 14.2), ("df800", 50, 2.0)],
+)
 def test_the_deadline_grows_with_the_frames_of_concurrent_stops_but_not_without_bound(
-    count: int, timeout_s: float
+    model: str, count: int, timeout_s: float
 ) -> None:
-    """A stop whose frame still waits takes the speed of the bus from the others."""
-    ops = [operation_for(dialect_for("c320")) for _ in range(count)]
+    """A stop whose frame still waits takes the speed of the bus from the others; a DF800 reports no standstill."""
+    ops = [operation_for(dialect_for(model)) for _ in range(count)]
     ops[-1].age.fastest_transaction_s = 0.1
     progress = StopProgress(ops[0], 100.0, concurrent=ops)
     assert progress.deadline == pytest.approx(100.0 + timeout_s)

@@ -73,9 +73,11 @@ class StopProgress:
     def _turns_s(self) -> float:
         """Return the time of the reads of all drives, and of the frames of concurrent stops, which go before them.
 
-        A stop whose own frame still waits takes the speed of the bus from the others.
+        A stop whose own frame still waits takes the speed of the bus from the others. A drive that does not report
+        standstill is not read, so that its stop waits for none of them.
         """
-        self._stop_count = max(self._stop_count, min(len(self._concurrent), MAX_CONCURRENT_STOPS))
+        if self._op.dialect.reports_run_state:
+            self._stop_count = max(self._stop_count, min(len(self._concurrent), MAX_CONCURRENT_STOPS))
         self._transaction_s = min(
             self._transaction_s, *(op.age.fastest_transaction_s for op in (self._op, *self._concurrent))
         )
