@@ -12,6 +12,8 @@ from typing import Any, TextIO
 
 import pytest
 
+from drivebus import i18n
+from drivebus.cli import output
 from drivebus.cli.background_output import BackgroundStream, background_output
 from drivebus.cli.commands import run
 from drivebus.cli.connect import Target
@@ -99,4 +101,22 @@ def test_what_is_printed_meanwhile_comes_in_its_order_and_a_lost_reader_is_an_er
         lost = BackgroundStream(stream)
         with pytest.raises(BrokenPipeError):
             lost.write("text")
-        lost.close()
+        assert lost.close() is None, "it was raised already"
+
+
+def test_a_text_that_waited_when_its_reader_went_away_is_called_lost(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The outcome of the stop was lost without a message."""
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(writer, bytes(4096))
+    os.set_blocking(writer, True)
+    with os.fdopen(writer, "w") as stream:
+        monkeypatch.setattr("sys.stdout", stream)
+        with background_output():
+            output.echo("Confirmed")
+            os.close(reader)
+    assert i18n.text("cli.output_lost", "en", reason="Broken pipe") in capsys.readouterr().err

@@ -801,3 +801,4 @@ def test_a_ramp_hold_of_a_host_that_was_held_up_says_how_long_it_lasted() -> Non
     assert outcome.key == "drives.ramp_held" and words(bus) == [0x0100, 0x0000]
     [(key, params)] = outcome.notes
     assert key == "drives.ramp_held_for" and params["held_s"] > 600.0
+    assert params["held_s"] == round(params["held_s"], 1)

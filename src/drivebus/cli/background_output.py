@@ -15,6 +15,7 @@ from contextvars import ContextVar
 from typing import TextIO
 
 from drivebus.atomic_write import write_all
+from drivebus.errors import SystemReason
 
 WRITE_TIMEOUT_S = 0.1  # a stream whose write takes longer is blocked: its reader does not read
 
@@ -49,13 +50,17 @@ class BackgroundStream:
         if error is not None:
             raise error
 
-    def close(self) -> None:
-        """Wait until everything is written or the stream has failed; Ctrl-C gives the rest up."""
+    def close(self) -> OSError | None:
+        """Wait until everything is written or the stream has failed; Ctrl-C gives the rest up.
+
+        Return the error of a write that ``write`` has not raised.
+        """
         with self._changed, suppress(KeyboardInterrupt):
             self._changed.wait_for(lambda: not self._queue)
         with self._changed:
             self._is_closed = True
             self._changed.notify_all()
+            return self._error
 
     def _write_queue(self) -> None:
         while True:
@@ -82,7 +87,12 @@ _streams: ContextVar[Mapping[TextIO, BackgroundStream]] = ContextVar("drivebus_b
 
 @contextmanager
 def background_output() -> Iterator[None]:
-    """Write standard output and standard error in the background; wait for the reader at the end only."""
+    """Write standard output and standard error in the background; wait for the reader at the end only.
+
+    Each has its own order. What can't be written to standard output is said on standard error.
+    """
+    from drivebus.cli import output
+
     streams: dict[TextIO, BackgroundStream] = {}
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):  # a stream of a test has no descriptor
@@ -92,8 +102,10 @@ def background_output() -> Iterator[None]:
         yield
     finally:
         _streams.reset(before)
-        for background in streams.values():
-            background.close()
+        for stream, background in streams.items():
+            error = background.close()
+            if error is not None and stream is sys.stdout:
+                output.print_note("cli.output_lost", reason=SystemReason(error))
 
 
 def background_stream(stream: TextIO) -> BackgroundStream | None:

@@ -125,7 +125,7 @@ async def run_operation(
 ) -> T:
     """Perform the steps of an operation and return its result. Cancelling it sends nothing more.
 
-    ``transact`` performs its transactions, None: ``Bus.transact``.
+    ``transact`` performs its transactions, None: ``Bus.transact``. A frame that it shares is sent all the same.
     """
     transact = transact or bus.transact
     try:

@@ -13,7 +13,7 @@ Why a shared frame makes no stop less certain:
 3. A stop gets every result in the order of its own steps and judges it by itself: two states that agree, each behind a
    sync probe, all sent after its own frame. Nothing that another stop has concluded is taken over.
 4. A failed frame fails for each stop that shares it, as a frame of its own would have. Each goes on from there.
-5. A stop that is cancelled takes no frame from the others.
+5. A stop that is cancelled takes no frame from the others; one that it has asked for is still sent.
 """
 
 from __future__ import annotations

@@ -323,7 +323,7 @@ def test_a_port_without_drives_or_that_can_t_be_opened_does_not_discard_those_of
     result = init("sim://vc660@2", missing, "sim://vc660@3?name=empty", *words, "-o", path, "--lang", "en")
     assert result.exit_code == 1, result.output
     assert [one.port for one in config.load(path).buses] == ["sim://vc660@2"]
-    assert f"{missing}: no drive was found" in result.stderr and "does not exist" in result.stderr
+    assert f"{missing}: no drive was found" not in result.stderr and "does not exist" in result.stderr
     assert "sim://vc660@3?name=empty: no drive was found, and no bus is written for it" in result.stderr
     wrong = init("sim://vc660@2", "/dev/ttyUSB0?baud=fast", *words, "-o", path, "--force", "--lang", "en")
     assert wrong.exit_code == 2 and "sim" not in wrong.stderr, "a wrong port URL is reported before the first scan"

@@ -78,6 +78,27 @@ def test_a_jog_that_is_being_started_while_its_session_ends_is_stopped_at_once()
             await kit.service.end_control("logout", ANN)
             await jog
             assert kit.drives_of_events("plant.jog_ended_with_session", actor="ann") == ["fan-1"]
+            await asyncio.sleep(0.3)
+            assert not kit.station("fan-1").running, "it was stopped only after the 0.5 s without a renewal"
+
+    run(scenario())
+
+
+def test_a_session_that_ends_while_it_asks_for_control_leaves_no_request() -> None:
+    """It could be granted for a minute: the drive ran on under the control of nobody."""
+    bob = remote_actor("bob")
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await kit.call("lease.take", ANN, drive="fan-1")
+            kit.trail.delay_s = 0.5
+            asking = asyncio.create_task(kit.call("control_request.make", bob, drive="fan-1"))
+            await asyncio.sleep(0.1)
+            await kit.service.end_control("logout", bob)
+            with pytest.raises(ControlNotHeld) as rejected:
+                await asking
+            assert rejected.value.key == "plant.session_has_ended"
+            assert kit.service.plant.control_requests.find_open("fan-1") is None
 
     run(scenario())
 

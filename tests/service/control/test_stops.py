@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 
@@ -221,8 +222,9 @@ def test_a_failed_start_counts_as_one_of_the_service_unless_the_drive_knows_bett
     run(scenario())
 
 
-def test_a_start_during_which_an_earlier_stop_is_confirmed_counts_as_one_of_the_service() -> None:
-    """The end of the service would have left it running."""
+@pytest.mark.parametrize("replies", [True, False])
+def test_a_start_during_which_an_earlier_stop_is_confirmed_counts_as_one_of_the_service(replies: bool) -> None:
+    """The end of the service would have left it running, also where the start had no reply."""
 
     async def scenario() -> None:
         async with running_service() as kit:
@@ -231,9 +233,14 @@ def test_a_start_during_which_an_earlier_stop_is_confirmed_counts_as_one_of_the_
 
             async def start() -> Outcome:
                 runtime.end_motion()  # as at the confirmation of the stop
-                return await runtime.drive.run(5.0)
+                if replies:
+                    return await runtime.drive.run(5.0)
+                error = NoReply("bus.no_reply", station=1)
+                error.may_be_running = True
+                raise error
 
-            await kit.service.commands.run_motion(runtime, start())
+            with nullcontext() if replies else pytest.raises(NoReply):
+                await kit.service.commands.run_motion(runtime, start())
             assert runtime.started_by_service
 
     run(scenario())

@@ -53,7 +53,7 @@ def test_a_violated_interlock_is_shown_as_start_blocker_and_rejects_a_start() ->
     run(scenario())
 
 
-@pytest.mark.parametrize("broken", ["alarms.observe", "view"])
+@pytest.mark.parametrize("broken", ["alarms.observe", "view", "status"])
 def test_an_interlock_does_not_go_on_with_an_old_view_where_a_part_of_the_supervision_fails(
     monkeypatch: pytest.MonkeyPatch, broken: str
 ) -> None:
@@ -68,6 +68,8 @@ def test_an_interlock_does_not_go_on_with_an_old_view_where_a_part_of_the_superv
                 context.setattr(logging.getLogger("drivebus.service"), "exception", lambda *_: None)
                 if broken == "view":
                     context.setattr(kit.service.publisher, "publish_drive", fail)
+                elif broken == "status":
+                    context.setattr(plant.drives["fan-1"], "status", fail)
                 else:
                     part, name = broken.split(".")
                     context.setattr(getattr(plant, part), name, fail)

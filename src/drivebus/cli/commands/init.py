@@ -136,7 +136,7 @@ async def _scan_ports(
                 return scanned, ExitCode.INTERRUPTED
             if found:
                 scanned.append((request.port, found))
-            else:
+            elif found is not None:  # else it could not be scanned, as the error says
                 output.print_note("plant_init.no_drive", port=request.port)
     return scanned, ExitCode.DONE if len(scanned) == len(requests) else ExitCode.FAILED
 

@@ -108,7 +108,9 @@ def hold_ramp(op: OperationContext, seconds: float) -> DriveOperation[Outcome]:
         params = {"from_hz": held.first_hz, "to_hz": held.last_hz}
         return replace(outcome, status=OutcomeStatus.FAILED, key="drives.ramp_not_held", params=params)
     held_s = (yield from get_bus_conditions()).now - held.began_at
-    return outcome if held_s <= seconds + MAX_END_DELAY_S else with_note(outcome, "drives.ramp_held_for", held_s=held_s)
+    if held_s <= seconds + MAX_END_DELAY_S:
+        return outcome
+    return with_note(outcome, "drives.ramp_held_for", held_s=round(held_s, 1))
 
 
 class HeldFrequency:

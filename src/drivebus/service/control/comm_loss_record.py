@@ -14,9 +14,8 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any
 
+from drivebus.service.api.operations.operation import MAX_TIME_MS
 from drivebus.service.config.model import BusConfig, DriveConfig
-
-MAX_TIME_MS = 253_402_300_800_000  # of the year 10,000, which has no date here
 
 
 class CommLossResult(StrEnum):
@@ -60,7 +59,7 @@ class CommLossRecord:
             raise TypeError("a parameter is not a number")
         if type(record.silence_s) not in (int, float) or not math.isfinite(record.silence_s):
             raise TypeError("the silence is not a finite number")
-        if type(record.time_ms) is not int or not 0 <= record.time_ms < MAX_TIME_MS:
+        if type(record.time_ms) is not int or not 0 <= record.time_ms <= MAX_TIME_MS:
             raise ValueError("the time is no date")
         if type(record.user) is not str:
             raise TypeError("the user is missing")

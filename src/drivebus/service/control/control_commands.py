@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivebus.errors import DrivebusError, NotFound, ServiceError
+from drivebus.errors import ControlNotHeld, DrivebusError, NotFound, ServiceError
 from drivebus.service.api.errors import error_to_json
 from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations.control import (
@@ -89,8 +89,13 @@ class ControlCommands:
         return self._lease_json(runtime)
 
     def _make_request(self, runtime: DriveRuntime, reason: str | None, id: str, actor: Actor) -> None:
-        """Ask the session that has control. Raises ServiceError where there is none, or it is the actor's own."""
+        """Ask the session that has control. Raises ServiceError where there is none, or it is the actor's own.
+
+        Raises ControlNotHeld where the actor's session has just ended.
+        """
         now = self.plant.now()
+        if self.plant.leases.has_ended(actor.session, now):  # while the request was recorded
+            raise ControlNotHeld("plant.session_has_ended", drive=runtime.id)
         lease = self.plant.leases.get(runtime.id, now)
         if lease is None:
             raise ServiceError("plant.control_is_free", drive=runtime.id)

@@ -129,6 +129,7 @@ class DriveCommands:
                 runtime.started_by_service = before
             elif runtime.last_stop is last_stop:  # a frame that starts it may have left after that stop
                 runtime.last_stop = None
+                runtime.started_by_service = True  # that stop may have been confirmed meanwhile
             raise
         else:
             if runtime.last_stop is last_stop:  # else it was stopped during the start

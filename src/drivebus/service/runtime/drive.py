@@ -146,8 +146,9 @@ class DriveRuntime:
         status = self.status()
         read = status.readings.get("output_frequency")
         is_read = read is not None and read.quality is Quality.GOOD and isinstance(read.value, int | float)
-        found = (float(read.value) if is_read else None, self.commanded_hz)  # type: ignore[union-attr, arg-type]
-        frequency_hz = max((hz for hz in found if hz is not None), default=0.0)
+        read_hz = float(read.value) if is_read else 0.0  # type: ignore[union-attr, arg-type]
+        set_hz = self.commanded_hz if self.runs_for_service else None  # else it was started at its keypad
+        frequency_hz = max(read_hz, set_hz or 0.0)
         is_above = frequency_hz > self.drive.range_hz[1] + FREQUENCY_TOLERANCE_HZ
         return frequency_hz if is_above and (self.runs_for_service or status.state.turning) else None
 

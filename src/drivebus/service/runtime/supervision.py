@@ -178,8 +178,9 @@ class SupervisionCycle:
     def _supervise_drive(self, runtime: DriveRuntime) -> None:
         if self._plant.drives.get(runtime.id) is not runtime:
             return
-        plant, status = self._plant, runtime.status()
+        plant = self._plant
         plant.views.pop(runtime.id, None)  # where no new one can be made, interlocks must not go on with the old one
+        status = runtime.status()
         view = self._publisher.publish_drive(runtime, status)
         for step in (
             lambda: plant.put_view(view),
