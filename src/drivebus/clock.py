@@ -6,6 +6,8 @@ import secrets
 from datetime import UTC, datetime
 from typing import Protocol
 
+MAX_TIME_MS = 253_402_300_799_999  # the end of the year 9999 in milliseconds since 1970
+
 
 def wall_clock() -> datetime:
     """Return the time in UTC by the system clock: for labels only, no wait depends on it."""

@@ -41,7 +41,7 @@ def _verify(plant: str | None, checkpoints: str | None, key: str | None, head: s
 
 
 def _list(plant: str | None, drive: str | None, limit: int) -> ExitCode:
-    from drivebus.service.api.operations.operation import MAX_TIME_MS
+    from drivebus.clock import MAX_TIME_MS
     from drivebus.service.audit.description import described
     from drivebus.service.audit.query import query_records
 

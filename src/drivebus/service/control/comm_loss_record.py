@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any
 
-from drivebus.service.api.operations.operation import MAX_TIME_MS
+from drivebus.clock import MAX_TIME_MS
 from drivebus.service.config.model import BusConfig, DriveConfig
 
 

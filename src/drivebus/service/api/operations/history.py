@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from drivebus.clock import MAX_TIME_MS
 from drivebus.service.api.operations.operation import (
-    MAX_TIME_MS,
     ApiObject,
     Cursor,
     DriveId,

@@ -16,6 +16,7 @@ from typing import Annotated, Any, Generic, TypeVar
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticCustomError
 
+from drivebus.clock import MAX_TIME_MS
 from drivebus.profiles.diagnostics import CONTROL_CHARACTERS, CONTROL_RANGES, INVISIBLE_RANGES, is_blank
 from drivebus.service.api.errors import params_error, pydantic_faults
 from drivebus.service.auth.rights import RequiredAccess, Right
@@ -54,7 +55,6 @@ Reason = Annotated[
     ),
     AfterValidator(require_printable),
 ]
-MAX_TIME_MS = 253_402_300_799_999  # the end of the year 9999 in milliseconds since 1970
 TimeMs = Annotated[int, Field(ge=0, le=MAX_TIME_MS)]
 Cursor = Annotated[str, Field(max_length=200)]
 PageSize = Annotated[int, Field(ge=1, le=1000, examples=[100])]
