@@ -501,6 +501,7 @@ def progress_of(
     op: Any = SimpleNamespace(
         age=SimpleNamespace(fastest_transaction_s=transaction_s),
         drive=SimpleNamespace(deceleration_s=deceleration_s),
+        dialect=SimpleNamespace(reports_run_state=True),
         derived=DerivedState(DriveState.RUNNING),
         last_deceleration_at=slowed_at,
     )
