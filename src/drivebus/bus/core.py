@@ -796,11 +796,8 @@ class BusCore:
         stations = self.stations.values()
         if not joined or classify(data, stations, after_foreign_request=False).kind is not TraceKind.UNSOLICITED:
             return data
-        return (
-            joined
-            if classify(joined, stations, after_foreign_request=False).kind is TraceKind.FOREIGN_REQUEST
-            else data
-        )
+        is_request = classify(joined, stations, after_foreign_request=False).kind is TraceKind.FOREIGN_REQUEST
+        return joined if is_request else data
 
     def _record_foreign_request(self, data: bytes, received_at: float, now: float) -> None:
         """Record the request of another master at the start of ``data``, whose reply is due from now on."""

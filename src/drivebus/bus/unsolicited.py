@@ -17,9 +17,7 @@ from drivebus.serial_settings import SerialSettings
 MAX_UNSOLICITED_BYTES = 512  # buffered until the bus is silent; the longest frame, of Modbus ASCII, has one more
 FOREIGN_REQUESTS_REQUIRED = 2  # one may be a corrupted frame, two make a second master
 FOREIGN_MASTER_WINDOW_S = 60.0  # a minute without a foreign request ends the foreign master
-MAX_FRAGMENT_PAUSE_S = (
-    0.05  # an adapter may deliver one frame in two pieces: FTDI 16 ms apart, a TCP server up to 50 ms
-)
+MAX_FRAGMENT_PAUSE_S = 0.05  # between the two pieces of a frame: 16 ms of an FTDI adapter, up to 50 ms of a TCP server
 MAX_FOREIGN_REPLY_WAIT_S = 0.5  # longest wait for the reply to a foreign request; half the time to wait for silence
 
 

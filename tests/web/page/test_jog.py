@@ -1,4 +1,4 @@
-"""A jog runs only while its button is held (T13), on a real plant.
+"""A jog runs only while its button is held, on a real plant.
 
 Its lease is half a second long in ``tests/drives``, in virtual time; here a busy machine may renew it much later.
 """
