@@ -346,8 +346,8 @@ class Drive:
     def identify(self) -> Identity:
         return self._bus.run(self.drive.identify())
 
-    def loopback_test(self, count: int = 10) -> LoopbackReport:
-        return self._bus.run(self.drive.loopback_test(count))
+    def loopback_test(self, count: int = 10, is_cancelled: Callable[[], bool] | None = None) -> LoopbackReport:
+        return self._bus.run(self.drive.loopback_test(count, is_cancelled))
 
     def preflight(self) -> Preflight:
         return self._bus.run(self.drive.preflight())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import io
 import os
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -120,3 +121,24 @@ def test_a_text_that_waited_when_its_reader_went_away_is_called_lost(
             output.echo("Confirmed")
             os.close(reader)
     assert i18n.text("cli.output_lost", "en", reason="Broken pipe") in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a pipe of Windows can't be recognized")
+@pytest.mark.parametrize("one_pipe", [True, False])
+def test_lines_on_one_pipe_keep_their_order_while_it_is_not_read(
+    monkeypatch: pytest.MonkeyPatch, one_pipe: bool
+) -> None:
+    """Regression: with ``2>&1 | less`` a warning came after the outcome that was printed after it."""
+    pipe, other = FullPipe(), FullPipe()
+    errors = os.fdopen(os.dup((pipe if one_pipe else other).stream.fileno()), "w")
+    monkeypatch.setattr("sys.stdout", pipe.stream)
+    monkeypatch.setattr("sys.stderr", errors)
+    with background_output():
+        for number in range(20):
+            output.echo(f"{number}", err=number % 2 == 0)
+        pipe.is_read.set()
+        other.is_read.set()
+    errors.close()
+    found = [pipe.end().split(), other.end().split()]
+    numbers = [str(number) for number in range(20)]
+    assert found == ([numbers, []] if one_pipe else [numbers[1::2], numbers[::2]])

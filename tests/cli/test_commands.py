@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import socketserver
+import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -177,7 +180,7 @@ def test_loopback_counts_what_the_drive_returns() -> None:
 
 
 def test_a_loopback_without_a_reply_has_no_times(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def loopback_test(drive: Drive, count: int) -> LoopbackReport:
+    async def loopback_test(drive: Drive, count: int, is_cancelled: Callable[[], bool]) -> LoopbackReport:
         return LoopbackReport(count, (), 0, errors.NoReply("bus.no_reply", station=3, milliseconds=56))
 
     monkeypatch.setattr(Drive, "loopback_test", loopback_test)
@@ -192,7 +195,7 @@ def test_a_loopback_without_a_reply_has_no_times(monkeypatch: pytest.MonkeyPatch
 def test_loopback_names_its_repetitions_and_its_last_error_only_where_there_were_some(
     monkeypatch: pytest.MonkeyPatch, repetitions: int, error: errors.DrivebusError | None
 ) -> None:
-    async def loopback_test(drive: Drive, count: int) -> LoopbackReport:
+    async def loopback_test(drive: Drive, count: int, is_cancelled: Callable[[], bool]) -> LoopbackReport:
         return LoopbackReport(count, (0.02,) * (count - (error is not None)), repetitions, error)
 
     monkeypatch.setattr(Drive, "loopback_test", loopback_test)
@@ -205,6 +208,26 @@ def test_loopback_names_its_repetitions_and_its_last_error_only_where_there_were
     assert i18n.text("loopback.returned", returned=returned, requests=4) in text
     assert i18n.text("loopback.times", **times) in text
     assert ("Last error: station 3: no reply within 56 ms" in text, "rror" in text) == (error is not None,) * 2
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_an_interrupted_loopback_prints_the_counts_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Regression: Ctrl-C ended the test without its counts."""
+    whole_test, sent = Drive.loopback_test, iter(range(4))
+
+    async def interrupted_test(drive: Drive, count: int, is_cancelled: Callable[[], bool]) -> LoopbackReport:
+        def check_and_interrupt() -> bool:
+            ends = is_cancelled()
+            if next(sent, None) == 2:
+                os.kill(os.getpid(), signal.SIGINT)  # arrives while the third request is answered
+            return ends
+
+        return await whole_test(drive, count, check_and_interrupt)
+
+    monkeypatch.setattr(Drive, "loopback_test", interrupted_test)
+    drive = ("sim://vc660@3", "--model", "vc660", "--address", "3", "--count", "10000")
+    found = run_json("loopback", *drive, code=130)
+    assert (found["requests"], found["returned"], found["complete"]) == (3, 3, False)
 
 
 def test_status_shows_what_a_c320_reports_about_itself() -> None:

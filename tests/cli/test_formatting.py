@@ -264,3 +264,13 @@ def test_a_scan_that_sent_nothing_does_not_report_missing_replies(capsys: pytest
     progress.done_s = 10.0
     print_scan("x", progress, None, ExitCode.FAILED)
     assert "No drive answered" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("cells", range(20, 60))
+def test_a_url_with_chinese_placeholders_is_not_broken(cells: int) -> None:
+    """Regression: the help in Chinese broke ``tcp://主机:端口`` behind the slashes."""
+    urls = ("tcp://主机:端口", "sim://c320@1")
+    text = f"PORT 可以是设备路径、COM3、{urls[0]}，或用 {urls[1]} 表示模拟变频器（{urls[0]}）。"
+    lines = output.wrap(text, cells)
+    assert sum(line.count(urls[0]) for line in lines) == 2 and sum(urls[1] in line for line in lines) == 1
+    assert "".join(lines).replace(" ", "") == text.replace(" ", "")

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 from pathlib import Path
 from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
 
+from drivebus import i18n
+from drivebus.cli import output
 from drivebus.cli.main import cli
 from drivebus.service.auth.passwords import PasswordHashing
 from drivebus.service.auth.rights import Right, Role
@@ -112,3 +116,40 @@ def test_a_change_that_cannot_be_audited_is_not_made(plant: Path) -> None:
     result = user(plant, "add", "ann", "--role", "viewer", stdin=PASSWORD + "\n")
     assert result.exit_code == 1
     assert not (state / "users.json").exists()
+
+
+def test_a_token_that_cannot_be_shown_is_withdrawn(plant: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Regression: on a full disk a token remained that nobody had seen."""
+    user(plant, "add", "bob", "--role", "operator", stdin=PASSWORD + "\n")
+    echo = output.click.echo
+
+    def fail(text: str, err: bool = False, **more: Any) -> None:
+        if not err:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        echo(text, err=err, **more)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(output.click, "echo", fail)
+        result = user(plant, "token", "bob", "--right", "view")
+    assert result.exit_code == 2 and "No space left on device" in result.stderr
+    assert i18n.text("user_command.token_lost", "en") in result.stderr
+    assert auth_service(plant).database.tokens == ()
+    assert [what for what, _, _ in records(plant)[-4:]] == ["token.add"] * 2 + ["token.remove"] * 2
+
+
+def test_a_users_file_that_cannot_be_written_stays_and_no_token_is_shown(
+    plant: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Regression: on a full disk the advice was to restore the file from a backup."""
+    user(plant, "add", "bob", "--role", "operator", stdin=PASSWORD + "\n")
+    file = plant.parent / "state" / "users.json"
+    before = file.read_bytes()
+
+    def fail(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("drivebus.service.auth.users.atomic_write_private", fail)
+    result = user(plant, "token", "bob", "--right", "view")
+    assert (result.exit_code, result.stdout, file.read_bytes()) == (2, "", before)
+    expected = i18n.text("auth.store_unwritten", "en", file=file, problem="No space left on device")
+    assert expected in result.stderr and "backup" not in result.stderr

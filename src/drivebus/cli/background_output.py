@@ -6,6 +6,7 @@ stopping the motor.
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 from collections import deque
@@ -89,14 +90,17 @@ _streams: ContextVar[Mapping[TextIO, BackgroundStream]] = ContextVar("drivebus_b
 def background_output() -> Iterator[None]:
     """Write standard output and standard error in the background; wait for the reader at the end only.
 
-    Each has its own order. What can't be written to standard output is said on standard error.
+    Where both lead to one pipe, file or terminal they share one queue, else each has its own order. What can't be
+    written to standard output is said on standard error.
     """
     from drivebus.cli import output
 
     streams: dict[TextIO, BackgroundStream] = {}
-    for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError):  # a stream of a test has no descriptor
-            streams[stream] = BackgroundStream(stream)
+    with suppress(OSError, ValueError):  # a stream of a test has no descriptor
+        streams[sys.stdout] = BackgroundStream(sys.stdout)
+    with suppress(OSError, ValueError):
+        is_shared = sys.stdout in streams and _have_one_target(sys.stdout, sys.stderr)
+        streams[sys.stderr] = streams[sys.stdout] if is_shared else BackgroundStream(sys.stderr)
     before = _streams.set(streams)
     try:
         yield
@@ -106,6 +110,13 @@ def background_output() -> Iterator[None]:
             error = background.close()
             if error is not None and stream is sys.stdout:
                 output.print_note("cli.output_lost", reason=SystemReason(error))
+
+
+def _have_one_target(one: TextIO, other: TextIO) -> bool:
+    """Return whether two streams lead to the same pipe, file or terminal. Raises OSError without a descriptor."""
+    targets = [os.fstat(stream.fileno()) for stream in (one, other)]
+    has_identity = targets[0].st_ino != 0  # a pipe of Windows has none
+    return has_identity and os.path.samestat(*targets)
 
 
 def background_stream(stream: TextIO) -> BackgroundStream | None:

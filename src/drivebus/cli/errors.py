@@ -82,7 +82,7 @@ class ExitCode(IntEnum):
     USAGE = 2  # wrong usage or configuration
     INVALID_FRAME = 3
     UNKNOWN = 4  # outcome unknown, or stop unconfirmed
-    INTERRUPTED = 128 + signal.SIGINT
+    INTERRUPTED = 128 + signal.SIGINT  # also: the user declined what the command asked to confirm
 
 
 def exit_code_of(error: BaseException) -> ExitCode:

@@ -27,7 +27,8 @@ _MIN_LAST_COLUMN_CELLS = 20  # with less space, the last column of a table goes 
 _WIDE = "\u2e80-\u9fff\uff00-\uffef\u3000-\u303f"
 _OPENING = "（「“《"
 _CLOSING = "，。；：、！？）」”》…"
-_BREAKABLE_PIECE = re.compile(rf"\s+|[{_OPENING}]*(?:[^\s{_WIDE}“]+|[{_WIDE}“])[{_CLOSING}]*")
+_URL = rf"[a-z0-9]+://[^\s{_OPENING}{_CLOSING}]*"  # also with placeholders in Chinese
+_BREAKABLE_PIECE = re.compile(rf"\s+|[{_OPENING}]*(?:{_URL}|[^\s{_WIDE}“]+|[{_WIDE}“])[{_CLOSING}]*")
 
 
 # --- settings of an invocation ------------------------------------------------------------------------------------
@@ -190,7 +191,9 @@ def pad(string: str, cells: int) -> str:
 
 
 def wrap(string: str, cells: int) -> list[str]:
-    """Break into lines of at most ``cells``; Chinese breaks anywhere but next to brackets and before punctuation."""
+    """Break into lines of at most ``cells``; Chinese breaks anywhere but in a URL, next to brackets and before
+    punctuation.
+    """
     lines: list[str] = []
     line = ""
     for piece in _BREAKABLE_PIECE.findall(string):

@@ -133,10 +133,12 @@ class ScanRequest:
         return ports.open_port(self.port, baud=settings.baud, format=settings.format)
 
 
-async def search(request: ScanRequest, listen_s: float) -> list[DetectedDrive] | None:
+async def search(
+    request: ScanRequest, listen_s: float, progress: ScanProgress | None = None
+) -> list[DetectedDrive] | None:
     """Listen, then scan; return the drives that a model fits, or None if another master is active.
 
-    Raises PortUnavailable.
+    ``progress`` has what was found so far, also where the scan is cancelled or fails. Raises PortUnavailable, PortLost.
     """
     from drivebus.commissioning import scan
 
@@ -148,10 +150,16 @@ async def search(request: ScanRequest, listen_s: float) -> list[DetectedDrive] |
         if sniffed.count:
             output.print_note("scan.foreign", count=sniffed.count, seconds=f"{sniffed.seconds:g}")
             return None
-    progress = scan.ScanProgress(total_s=sum(scan_pass.duration_s for scan_pass in passes))
+    progress = progress or scan.ScanProgress(total_s=0.0)
+    progress.total_s = sum(scan_pass.duration_s for scan_pass in passes)
     with ScanProgressBar() as bar:
         await scan.scan(passes, request.open_port, progress, bar.on_progress)
     _note_unsent(progress)
+    return fitting_drives(progress)
+
+
+def fitting_drives(progress: ScanProgress) -> list[DetectedDrive]:
+    """Return the drives found so far that a model fits."""
     return [drive for drive in progress.found if drive.models]
 
 

@@ -187,9 +187,12 @@ class Drive:
         """Read the identity that the drive reports; of a model that reports none only that it answers."""
         return await self._runner.run(status.identify(self._read_context()))
 
-    async def loopback_test(self, count: int = 10) -> LoopbackReport:
-        """Send requests that the drive returns unchanged. Raises CapabilityError where the model has no loop-back."""
-        return await self._runner.run(loopback.loopback_test(self._read_context(), count))
+    async def loopback_test(self, count: int = 10, is_cancelled: Callable[[], bool] | None = None) -> LoopbackReport:
+        """Send requests that the drive returns unchanged. Raises CapabilityError where the model has no loop-back.
+
+        The test ends with the results so far once ``is_cancelled`` returns True.
+        """
+        return await self._runner.run(loopback.loopback_test(self._read_context(), count, is_cancelled))
 
     async def preflight(self) -> Preflight:
         """Read whether the drive accepts commands from the bus; unmet preconditions are in the result."""

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+import os
 import re
+import signal
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -15,8 +18,9 @@ from hypothesis import strategies as st
 
 from drivebus.cli.commands import init as init_command
 from drivebus.cli.main import cli
-from drivebus.commissioning.scan import DetectedDrive
-from drivebus.errors import ConfigurationError
+from drivebus.cli.scanning import ScanRequest
+from drivebus.commissioning.scan import DetectedDrive, ScanProgress
+from drivebus.errors import ConfigurationError, PortLost
 from drivebus.serial_settings import SerialSettings
 from drivebus.service import config
 from drivebus.service.config.wizard import BusAnswer, DriveAnswer, PlantAnswers, plant_toml, read_answers
@@ -278,6 +282,53 @@ def test_at_a_terminal_the_user_is_asked_for_the_name_plate(
     assert [drive.model for drive in config.load(path).drives] == models
 
 
+def test_ctrl_c_at_a_name_plate_prints_what_was_found_and_writes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Regression: a scan of many minutes was lost."""
+
+    async def find_two(request: ScanRequest, listen_s: float, progress: ScanProgress) -> list[DetectedDrive]:
+        progress.found += [found(address, "vc660", "rtu", "modbus") for address in (2, 3)]
+        return progress.found
+
+    monkeypatch.setattr(init_command, "search", find_two)
+    monkeypatch.setattr(init_command, "_on_terminal", lambda: True)
+    path = tmp_path / "plant.toml"
+    path.write_text("# mine\n", encoding="utf-8")
+    words = ("sim://vc660@2-3", "--scan", "-o", path, "--force")
+    result = init(*words, "--lang", "en", input="vc660\n")  # the end of the input acts as Ctrl-C
+    assert result.exit_code == 130, result.output
+    assert result.stderr.count("which model is on the name plate") == 2
+    assert f"Interrupted: {path} is not written." in " ".join(result.stderr.split())
+    assert [(drive.address, drive.model) for drive in config.loads(result.stdout).drives] == [(2, "vc660")]
+    assert "which model address 3 is" in result.stdout
+    assert path.read_text(encoding="utf-8") == "# mine\n"
+    printed = json.loads(init(*words, "--json", input="").stdout)
+    assert (printed["file"], printed["drives"], len(printed["undecided"])) == (None, [], 2)
+    assert config.loads(printed["toml"]).drives == ()
+
+
+@pytest.mark.parametrize("ends", ["ctrl-c", "port lost"])
+def test_a_scan_that_ends_early_keeps_what_was_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ends: str
+) -> None:
+    """Regression: Ctrl-C, or an adapter that was pulled out, discarded the drives found before it."""
+
+    async def end_early(request: ScanRequest, listen_s: float, progress: ScanProgress) -> list[DetectedDrive]:
+        progress.found.append(found(2, "vc660", "rtu", "modbus"))
+        if ends == "port lost":
+            raise PortLost("bus.closed")
+        os.kill(os.getpid(), signal.SIGINT)
+        return await asyncio.sleep(60.0, [])
+
+    monkeypatch.setattr(init_command, "search", end_early)
+    path = tmp_path / "plant.toml"
+    result = init("sim://vc660@2", "--scan", "-o", path, "--lang", "en")
+    text = result.stdout if ends == "ctrl-c" else path.read_text(encoding="utf-8")
+    assert "which model address 2 is" in text, result.output
+    assert (result.exit_code, path.exists()) == ((130, False) if ends == "ctrl-c" else (1, True)), result.output
+
+
 def test_a_single_candidate_that_answers_only_partly_is_no_question(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -287,8 +338,9 @@ def test_a_single_candidate_that_answers_only_partly_is_no_question(
         settings=SerialSettings.parse(9600, "8N1"), exchange=(b"", b""),
     )  # fmt: skip
 
-    async def found(*_: Any) -> list[DetectedDrive]:
-        return [partly]
+    async def found(request: ScanRequest, listen_s: float, progress: ScanProgress) -> list[DetectedDrive]:
+        progress.found.append(partly)
+        return progress.found
 
     monkeypatch.setattr(init_command, "search", found)
     monkeypatch.setattr(init_command, "_on_terminal", lambda: True)
@@ -351,7 +403,7 @@ def found(address: int, model: str, encoding: str = "ascii", family: str = "c320
 
 def test_a_drive_with_another_protocol_is_named_and_left_out(capsys: pytest.CaptureFixture[str]) -> None:
     everybody = [found(2, "c320"), found(1, "c320"), found(2, "c320", "hex"), found(5, "vc660", "rtu", "modbus")]
-    line = init_command._bus_answer("/dev/x", everybody, ("c320",))
+    line = init_command._bus_answer("/dev/x", everybody, ("c320",), init_command.ModelQuestions(is_interrupted=True))
     assert [(one.address, one.encoding, one.others) for one in line.drives] == [
         (1, "ascii", ("sister",)),
         (2, "ascii", ("sister",)),

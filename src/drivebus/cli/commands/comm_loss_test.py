@@ -43,7 +43,7 @@ async def _connect_and_test(
         view = await client.call(DRIVES_GET.name, {"drive": name})
         question = output.text("comm_loss_test.confirm", drive=name, frequency_hz=f"{frequency_hz:g}")
         if not yes and not confirm(question):
-            return ExitCode.DONE
+            return ExitCode.INTERRUPTED
         drive = RemoteDrive(client, name, view["address"], profiles.load(view["model"]))
         with shutdown_signals(may_suspend=False) as shutdown:
             try:

@@ -6,6 +6,7 @@ import asyncio
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ from drivebus.cli.errors import ExitCode, print_error
 from drivebus.cli.prompts import confirm, prompt, prompt_text
 from drivebus.cli.scanning import (
     ScanRequest,
+    fitting_drives,
     listen_option,
     search,
     search_options,
@@ -42,7 +44,10 @@ def _init(
     file: str,
     force: bool,
 ) -> ExitCode:
-    """Return 1 where a port has no drive. Raises ConfigurationError if the file exists or the answers are invalid."""
+    """Return 1 where a port has no drive. Raises ConfigurationError if the file exists or the answers are invalid.
+
+    Ctrl-C during a scan or its questions prints the file with what was found so far instead of writing it.
+    """
     from drivebus.service.config.load import loads
     from drivebus.service.config.wizard import PlantAnswers, plant_toml, read_answers
 
@@ -54,19 +59,27 @@ def _init(
             ScanRequest(port=port, models=models, addresses=addresses, bauds=bauds, formats=formats) for port in ports
         ]
         scanned, code = asyncio.run(_scan_ports(requests, listen_seconds))
-        if code is ExitCode.INTERRUPTED:
-            return code
         if not scanned:
+            if code is ExitCode.INTERRUPTED:
+                output.print_note("cli.interrupted")
             output.print_json({"file": None, "plant": None, "drives": [], "undecided": []})
             return code
-        buses = tuple(_bus_answer(port, drives, models or ()) for port, drives in scanned)
+        questions = ModelQuestions(is_interrupted=code is ExitCode.INTERRUPTED)
+        buses = tuple(_bus_answer(port, drives, models or (), questions) for port, drives in scanned)
+        code = ExitCode.INTERRUPTED if questions.is_interrupted else code
         found = PlantAnswers(output.text("plant_init.default_title"), buses)
     else:
         code = ExitCode.DONE
         found = read_answers(answers) if answers is not None else _ask_answers(ports)
     text = plant_toml(found, output.language())
     config = loads(text, file, Path(file).resolve().parent)
-    _write(file, text, force)
+    is_written = file != "-" and code is not ExitCode.INTERRUPTED
+    if is_written:
+        _write(file, text, force)
+    else:
+        if file != "-":
+            output.print_note("plant_init.interrupted", file=file)
+        output.print_text(text.rstrip("\n"))
     undecided = [
         {"port": bus.port, "address": drive.address, "models": list(drive.candidates)}
         for bus in found.buses
@@ -74,19 +87,21 @@ def _init(
         if drive.candidates
     ]
     output.print_json(
-        {"file": file, "plant": config.id, "drives": [drive.id for drive in config.drives], "undecided": undecided}
-        | ({"toml": text} if file == "-" else {})
+        {
+            "file": file if is_written or file == "-" else None,
+            "plant": config.id,
+            "drives": [drive.id for drive in config.drives],
+            "undecided": undecided,
+            **({} if is_written else {"toml": text}),
+        }
     )
-    if file != "-":
+    if is_written:
         output.print_message("plant_init.written", file=file, drives=len(config.drives), buses=len(config.buses))
     return code
 
 
 def _write(file: str, text: str, force: bool) -> None:
     """Write the file. Raises ConfigurationError if it exists by now, or can't be written."""
-    if file == "-":
-        output.print_text(text.rstrip("\n"))
-        return
     with _file_errors(file):
         write_or_print(file, text, replace=force)
 
@@ -112,10 +127,11 @@ async def _scan_ports(
 ) -> tuple[list[tuple[str, list[DetectedDrive]]], ExitCode]:
     """Scan each port; return those that have drives, and the exit code.
 
-    A port that has none or fails does not discard what was found on another. Raises ConfigurationError without a port,
-    and the error of a single port.
+    A port that has none, fails or is interrupted does not discard what was found before. Raises ConfigurationError
+    without a port, and the error of a single port on which nothing was found.
     """
     from drivebus.cli.signals import shutdown_signals
+    from drivebus.commissioning.scan import ScanProgress
     from drivebus.errors import ConfigurationError, DrivebusError
 
     if not requests:
@@ -123,25 +139,46 @@ async def _scan_ports(
     for request in requests:
         request.plan()  # a wrong port URL or model is reported before the first scan
     scanned: list[tuple[str, list[DetectedDrive]]] = []
+    code = ExitCode.DONE
     with shutdown_signals() as shutdown:
         for request in requests:
-            found = None
+            progress, found = ScanProgress(total_s=0.0), None
             try:
-                found = await shutdown.interruptible(search(request, listen_s))
+                found = await shutdown.interruptible(search(request, listen_s, progress))
             except DrivebusError as error:
-                if len(requests) == 1:
+                if len(requests) == 1 and not fitting_drives(progress):
                     raise
                 print_error(error)
+            if so_far := fitting_drives(progress):
+                scanned.append((request.port, so_far))
             if shutdown.received:
                 return scanned, ExitCode.INTERRUPTED
-            if found:
-                scanned.append((request.port, found))
-            elif found is not None:  # else it could not be scanned, as the error says
+            if not found:
+                code = ExitCode.FAILED
+            if found == []:  # None: it could not be scanned, as the error says
                 output.print_note("plant_init.no_drive", port=request.port)
-    return scanned, ExitCode.DONE if len(scanned) == len(requests) else ExitCode.FAILED
+    return scanned, code
 
 
-def _bus_answer(port: str, found: list[DetectedDrive], named: tuple[str, ...]) -> BusAnswer:
+@dataclass
+class ModelQuestions:
+    """Questions for the models that the bus can't tell apart; all are left open from the one that is interrupted."""
+
+    is_interrupted: bool
+
+    def ask(self, drive: DetectedDrive) -> str | None:
+        """Return the model of the name plate; None where the user leaves it open, or without a terminal."""
+        if self.is_interrupted or not _on_terminal():
+            return None
+        try:
+            return _ask_model(drive)
+        except click.Abort:
+            self.is_interrupted = True
+            click.echo(err=True)  # ends the line of the question
+            return None
+
+
+def _bus_answer(port: str, found: list[DetectedDrive], named: tuple[str, ...], questions: ModelQuestions) -> BusAnswer:
     """Return the bus of a port. ``named``: models that the user gave with ``--models``."""
     from drivebus.service.config.wizard import BusAnswer
 
@@ -149,11 +186,11 @@ def _bus_answer(port: str, found: list[DetectedDrive], named: tuple[str, ...]) -
         models = "/".join(drive.models)
         output.print_note("plant_init.left_out", port=port, address=drive.address, models=models)
 
-    drives = tuple(_drive_answer(port, drive, named) for drive in select_alike(found, left_out))
+    drives = tuple(_drive_answer(port, drive, named, questions) for drive in select_alike(found, left_out))
     return BusAnswer(port, drives, found[0].settings.baud, found[0].settings.format)
 
 
-def _drive_answer(port: str, drive: DetectedDrive, named: tuple[str, ...]) -> DriveAnswer:
+def _drive_answer(port: str, drive: DetectedDrive, named: tuple[str, ...], questions: ModelQuestions) -> DriveAnswer:
     """Return a drive with the model that the bus, ``--models`` or the user tells, or with all that it may be."""
     from drivebus.service.config.wizard import DriveAnswer
 
@@ -163,7 +200,7 @@ def _drive_answer(port: str, drive: DetectedDrive, named: tuple[str, ...]) -> Dr
         others = tuple(other for other in drive.models if other != model)
         return DriveAnswer(drive.address, model, encoding=drive.encoding, others=others, is_doubtful=drive.fits_partly)
     has_choice = len(drive.models) > 1
-    chosen = _ask_model(drive) if has_choice and _on_terminal() else None
+    chosen = questions.ask(drive) if has_choice else None
     if chosen is not None:
         return DriveAnswer(drive.address, chosen, encoding=drive.encoding)
     note = "plant_init.undecided" if has_choice else "plant_init.unlike"

@@ -30,13 +30,20 @@ def _run(*, count: int, dry_run: bool, **given: Any) -> ExitCode:
 
 
 async def _loopback(target: Target, count: int) -> ExitCode:
+    from drivebus.cli.signals import shutdown_signals
+
     async with connect.open_drive(target) as (_, drive):
-        report = await drive.loopback_test(count)
-    _print_report(report)
+        with shutdown_signals() as shutdown:
+            report = await drive.loopback_test(count, lambda: shutdown.received)
+    if report.requests < count:
+        output.print_note("scan.aborted")
+    _print_report(report, is_complete=report.requests == count)
+    if report.requests < count:
+        return ExitCode.INTERRUPTED
     return ExitCode.DONE if len(report.round_trips_s) == count else ExitCode.FAILED
 
 
-def _print_report(report: LoopbackReport) -> None:
+def _print_report(report: LoopbackReport, *, is_complete: bool) -> None:
     times_ms = sorted(round(1000 * one, 1) for one in report.round_trips_s)
     mean_ms = round(sum(times_ms) / len(times_ms), 1) if times_ms else None
     lowest_ms, highest_ms = (times_ms[0], times_ms[-1]) if times_ms else (None, None)
@@ -48,6 +55,7 @@ def _print_report(report: LoopbackReport) -> None:
             "repetitions": report.repetitions,
             "round_trip_ms": {"min": lowest_ms, "mean": mean_ms, "max": highest_ms},
             "error": error,
+            "complete": is_complete,
         }
     )
     sentences = [output.text("loopback.returned", returned=len(times_ms), requests=report.requests)]

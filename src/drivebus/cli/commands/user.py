@@ -83,9 +83,15 @@ def _token(plant: str, name: str, right: tuple[str, ...], days: int, label: str)
     secret, token = new_token(name=label, user=normalized_name(name), rights=rights, days=days, now_ms=wall_ms())
     params = {"user": name, "rights": list(right), "days": days}
     _change(plant, "token.add", token.id, params, lambda database: database.with_token(token))
-    output.print_json({"token": secret, "id": token.id, "expires_ms": token.expires_ms})
-    output.print_note("user_command.token_once")
-    output.print_text(secret)
+    with output.continue_without_output():
+        output.print_note("user_command.token_once")
+    try:
+        output.print_json({"token": secret, "id": token.id, "expires_ms": token.expires_ms})
+        output.print_text(secret)
+    except OSError:
+        _change(plant, "token.remove", token.id, {}, lambda database: database.without_token(token.id))
+        output.print_note("user_command.token_lost")
+        raise
 
 
 def _tokens(plant: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivebus.drives.operations.context import OperationContext
@@ -11,7 +12,7 @@ from drivebus.errors import CapabilityError, DrivebusError
 
 @dataclass(frozen=True, slots=True)
 class LoopbackReport:
-    """Result of a loop-back test: requests, the round trip of each returned one in seconds, repetitions, last error."""
+    """Result of a loop-back test: requests sent, round trips in seconds of those returned, repetitions, last error."""
 
     requests: int
     round_trips_s: tuple[float, ...]
@@ -19,8 +20,10 @@ class LoopbackReport:
     error: DrivebusError | None = None
 
 
-def loopback_test(op: OperationContext, count: int) -> DriveOperation[LoopbackReport]:
-    """Send ``count`` loop-back requests, each with another number.
+def loopback_test(
+    op: OperationContext, count: int, is_cancelled: Callable[[], bool] | None = None
+) -> DriveOperation[LoopbackReport]:
+    """Send ``count`` loop-back requests, each with another number; none once ``is_cancelled`` returns True.
 
     Raises CapabilityError where the model has no loop-back, and the error of the bus where the drive does not answer.
     """
@@ -32,11 +35,13 @@ def loopback_test(op: OperationContext, count: int) -> DriveOperation[LoopbackRe
         raise error
     round_trips: list[float] = []
     repetitions = 0
-    for _ in range(count):
+    requests = 0
+    while requests < count and (is_cancelled is None or not is_cancelled()):
+        requests += 1
         result = yield from op.transact(op.dialect.sync_request())
         repetitions += max(0, result.attempts - 1)
         if isinstance(result.error, DrivebusError):
             error = result.error
         elif result.sent_at is not None and result.received_at is not None:
             round_trips.append(result.received_at - result.sent_at)
-    return LoopbackReport(count, tuple(round_trips), repetitions, error)
+    return LoopbackReport(requests, tuple(round_trips), repetitions, error)

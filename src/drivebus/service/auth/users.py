@@ -234,7 +234,9 @@ class UserFile:
                 atomic_write_private(self.path, _USER_DATABASE_ADAPTER.dump_json(after, indent=1))
                 self._database = after
         except OSError as error:
-            raise self._unusable_error(error) from error
+            raise ConfigurationError(
+                "auth.store_unwritten", file=str(self.path), problem=SystemReason(error)
+            ) from error
         return after
 
     def _load(self) -> UserDatabase:
