@@ -226,6 +226,7 @@ def _plan_text(planned: Sequence[PlannedFrame], settings: SerialSettings, total:
     lines = [output.wrap_for(title, sys.stdout)]
     for frame in planned:
         reply = output.text("dry.reply", count=frame.reply_bytes) if frame.reply_bytes else output.text("dry.no_reply")
-        lines.append(f"  {output.to_json_value(frame.data)}")
-        lines.append(f"    {output.text(f'dry.{frame.purpose}')} · {reply} · {frame.bus_s * 1000:.1f} ms")
+        note = f"{output.text(f'dry.{frame.purpose}')} · {reply} · {frame.bus_s * 1000:.1f} ms"
+        lines.append(output.wrap_for(output.to_json_value(frame.data), sys.stdout, indent=2))
+        lines.append(output.wrap_for(note, sys.stdout, indent=4))
     return "\n".join(lines)

@@ -153,10 +153,11 @@ def error_text(error: DrivebusError) -> str:
     diagnostics = error.params.get("diagnostics") or ()
     if [one.kind for one in diagnostics] == ["no_model"]:
         from drivebus import profiles
+        from drivebus.profiles.listing import models_of_maker
 
         name = error.params["file"]
-        near = output.join(profiles.similar_models(name), "items") or "-"
-        return output.text("cli.no_such_model", name=name, near=near)
+        near = output.join(profiles.similar_models(name) or models_of_maker(name), "items")
+        return output.text("cli.no_such_model" if near else "cli.no_similar_model", name=name, near=near)
     return error.text(output.language())
 
 
@@ -242,7 +243,9 @@ def _missing_hint(error: click.MissingParameter) -> str | None:
     if name == "model" and not names & _PORT_ARGUMENTS:
         return "cli.missing.simulated_model"
     key = f"cli.missing.{'port' if name in _PORT_ARGUMENTS else 'address' if name == 'addresses' else name}"
-    return key if i18n.known(key) and (name != "address" or names & _PORT_ARGUMENTS) else None
+    if i18n.known(key) and (name != "address" or names & _PORT_ARGUMENTS):
+        return key
+    return getattr(error.param, "key", None) if isinstance(error.param, click.Option) else None
 
 
 def _with_suggestions(key: str, name: str, possibilities: list[str] | None) -> str:

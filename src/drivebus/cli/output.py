@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import sys
 import unicodedata
@@ -69,6 +70,12 @@ def current_settings() -> OutputSettings:
 
 def language() -> str:
     return current_settings().language
+
+
+def export_language() -> None:
+    """Use the language also for the log of a service and for the processes of its gateways."""
+    if language() != i18n.preferred():
+        os.environ[i18n.LANGUAGE_VARIABLE] = language()
 
 
 def as_json() -> bool:

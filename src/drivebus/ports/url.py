@@ -185,7 +185,10 @@ def _is_device(path: str) -> bool:
 
 
 def _suggestion(text: str) -> str:
-    """Return the port URL that was probably meant."""
+    """Return the port URL that was probably meant, in half-width characters."""
+    text = half_width(text)
+    if _SCHEME.match(text):
+        return text
     if text.lower().endswith(".dbcap"):
         return f"replay://{text}"
     if _NAME_IN_DEV.match(text):

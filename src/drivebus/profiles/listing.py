@@ -22,6 +22,17 @@ def list_models() -> Iterator[dict[str, Any] | ProfileError]:
             yield error
 
 
+def models_of_maker(maker: str) -> list[str]:
+    """Return the models of a maker, whose name in any language has this word."""
+    word = maker.strip().casefold()
+    summaries = [one for one in list_models() if not isinstance(one, ProfileError)]
+    return [
+        one["model"]
+        for one in summaries
+        if word in (part.casefold() for text in one["maker"].by_language().values() for part in text.split())
+    ]
+
+
 def model_summary(name: str, profile: DriveProfile) -> dict[str, Any]:
     """Return a model; ``name`` is the value of ``--model``, the user's own file may contain the name of its base."""
     return {

@@ -20,8 +20,10 @@ def _models(search: str) -> ExitCode:
     rows = [_row(one) for one in all_models if not isinstance(one, ProfileError) and matches_search(one, search)]
     code = ExitCode.USAGE if refused else ExitCode.DONE
     output.print_json({"models": rows, "refused": [error_json(one)["error"] for one in refused], "exit": int(code)})
-    output.print_text(_table(rows) if rows else output.text("models.none", search=search))
-    output.print_text(paragraphs(output.text("models.grades"), output.page_cells(), indent=0))
+    if rows:
+        output.print_text(_table(rows))
+    note = output.text("models.grades") if rows else output.text("models.none", search=search)
+    output.print_text(paragraphs(note, output.page_cells(), indent=0))
     for one in refused:
         print_error(one)
     return code

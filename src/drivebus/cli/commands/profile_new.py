@@ -149,6 +149,8 @@ def _save_unfinished(answers: dict[str, str], file: str) -> ExitCode:
 
     answers_file = f"{file}.answers.toml"
     click.echo(err=True)
+    if not answers:
+        return ExitCode.INTERRUPTED
     _write(answers_file, "".join(f"{name} = {toml_string(text)}\n" for name, text in answers.items()), force=True)
     output.print_note("profile_new.left", count=len(answers), kept=answers_file, file=file)
     return ExitCode.INTERRUPTED

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import signal
 from typing import TYPE_CHECKING
 
-from drivebus import i18n
 from drivebus.cli import output
 from drivebus.cli.click_ext import Argument, Choice, CliCommand, Option
 from drivebus.cli.errors import ExitCode
@@ -33,8 +31,7 @@ def _serve(plant: str, without: tuple[str, ...], log: LogFormat) -> ExitCode:
     for gateway in config.gateways:
         if gateway.extra is not None and gateway.enabled and gateway.id not in without:
             require_extra(gateway.extra)
-    if output.language() != i18n.preferred():
-        os.environ[i18n.LANGUAGE_VARIABLE] = output.language()  # for the logs and the processes of the gateways
+    output.export_language()
     configure_logging(log)
     return asyncio.run(_run(config, without, log))
 

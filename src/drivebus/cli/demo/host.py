@@ -77,6 +77,7 @@ HISTORY_SEED = 1
 
 def run_demo(port: int) -> ExitCode:
     """Run the demo with its page until Ctrl-C."""
+    output.export_language()
     configure_logging("text")
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _interrupt)  # until the service handles them

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import sys
 
 from drivebus.cli import output
@@ -15,7 +16,7 @@ def run_view(
     source: RowSource, commands: KeyCommands | None, *, plain: bool, period_s: float, duration_s: float | None = None
 ) -> ExitCode:
     """Show the rows until the user, the source, a signal or ``duration_s`` ends the view."""
-    if plain or output.as_json() or not (sys.stdout.isatty() and sys.stdin.isatty()):
+    if plain or output.as_json() or not _has_screen():
         return asyncio.run(_run_plain(source, period_s, duration_s))
     require_extra("tui")
     from drivebus.cli.tui.app import MonitorApp
@@ -27,6 +28,12 @@ def run_view(
     if screen.failure is not None:
         raise screen.failure
     return ExitCode.DONE
+
+
+def _has_screen() -> bool:
+    """Return whether standard input and output are a terminal that has a cursor."""
+    is_dumb = os.name == "posix" and os.environ.get("TERM", "") in ("", "dumb")
+    return sys.stdout.isatty() and sys.stdin.isatty() and not is_dumb
 
 
 async def _run_plain(source: RowSource, period_s: float, duration_s: float | None) -> ExitCode:

@@ -1,0 +1,99 @@
+"""Mistakes and terminals of a first day: each answer names what to type, and fits the terminal."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from drivebus import i18n
+from drivebus.cli import output
+from drivebus.cli.demo import host
+from drivebus.cli.errors import ExitCode
+from drivebus.cli.main import cli
+from drivebus.cli.tui import view
+
+
+def command(*words: str) -> Result:
+    return CliRunner().invoke(cli, [*words, "--lang", "en"])
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("sunfar", "Similar: c300, c320, e300,"),
+        ("Mitsubishi", "fr_a500, fr_a700, fr_d700,"),
+        ("英威腾", "Similar: che100, chf100a, gd10,"),
+        ("xyzzy", "there is no model xyzzy. `drivebus models --search WORD` finds one"),
+    ],
+)
+def test_a_maker_in_place_of_a_model_is_answered_with_its_models(name: str, shown: str) -> None:
+    """Regression: the answer was ``Similar: -.``"""
+    result = command("status", "sim://c320@1", "--model", name, "--address", "1")
+    assert result.exit_code == 2 and shown in result.stderr, result.stderr
+
+
+@pytest.mark.parametrize("typed", ["sim：//c320@1", "ｓｉｍ：／／c320@1"])
+def test_a_port_in_full_width_characters_is_suggested_in_half_width_ones(typed: str) -> None:
+    """Regression: ``drivebus ports`` was suggested, and the typed text as the name of a service's drive."""
+    result = command("status", typed, "--model", "c320", "--address", "1")
+    assert "try sim://c320@1\n" in result.stderr and "--service" not in result.stderr
+
+
+def test_a_missing_option_is_explained_as_in_the_help() -> None:
+    """Regression: the roles that --role takes were only in the help."""
+    result = command("user", "add", "plant.toml", "ann")
+    assert result.exit_code == 2 and i18n.text("help.option.role", "en") in result.stderr
+
+
+def test_a_search_without_a_model_leads_on_and_explains_no_grades() -> None:
+    result = command("models", "--search", "no such make")
+    shown = " ".join(result.stdout.split())
+    assert shown == i18n.text("models.none", "en", search="no such make") and "profile new" in shown
+
+
+def test_an_ended_dialogue_without_an_answer_leaves_no_file(tmp_path: Path) -> None:
+    """Regression: a file of 0 answers was written."""
+    result = command("profile", "new", str(tmp_path / "acme.toml"))
+    assert result.exit_code == 130 and list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("terminal", ["dumb", "", None])
+def test_a_terminal_without_a_cursor_gets_plain_lines(monkeypatch: pytest.MonkeyPatch, terminal: str | None) -> None:
+    """Regression: the full-screen view filled a dumb terminal with control characters."""
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    monkeypatch.delenv("TERM", raising=False)
+    if terminal is not None:
+        monkeypatch.setenv("TERM", terminal)
+
+    async def plain(*_: object) -> ExitCode:
+        return ExitCode.FAILED
+
+    monkeypatch.setattr(view, "_run_plain", plain)
+    assert view.run_view(None, None, plain=False, period_s=1.0) is ExitCode.FAILED  # type: ignore[arg-type]
+
+
+def test_a_dry_run_fits_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(output, "wrap_for", lambda text, _, indent=0: f"{' ' * indent}[{text}]")
+    words = ("run", "sim://c320@1", "--model", "c320", "--address", "1", "--frequency", "10", "--dry-run")
+    lines = command(*words).stdout.splitlines()
+    assert sum(line.startswith("  [2A ") for line in lines) == 3 == sum(line.endswith(" ms]") for line in lines)
+
+
+def test_the_log_of_the_demo_is_in_the_language_of_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Regression: ``drivebus demo --lang zh`` logged in English."""
+    monkeypatch.setenv(i18n.LANGUAGE_VARIABLE, "en")
+    monkeypatch.setattr(host, "configure_logging", lambda _: None)
+    monkeypatch.setattr(host.signal, "signal", lambda *_: None)
+
+    async def finish(*_: object) -> ExitCode:
+        await asyncio.sleep(0)
+        return ExitCode.DONE
+
+    monkeypatch.setattr(host, "_run_with_page", finish)
+    assert CliRunner().invoke(cli, ["demo", "--lang", "zh"]).exit_code == 0
+    assert os.environ[i18n.LANGUAGE_VARIABLE] == i18n.preferred() == "zh"
