@@ -1,6 +1,7 @@
 """Every ``drivebus`` command of the README, the tutorials and the how-to pages runs as it is printed, or is named here.
 
-Commands for a drive get a simulated one behind a pty in the place of ``/dev/ttyUSB0``.
+Commands for a drive get a simulated one behind a pty in the place of ``/dev/ttyUSB0``, and a profile that permits it
+late replies: on a busy machine its process may have to wait. A scan takes no profile: its drive is in its own process.
 """
 
 from __future__ import annotations
@@ -48,6 +49,8 @@ class Bench:
     """Folder of a reader, with a simulated drive behind a pty."""
 
     folder: Path
+    model: str
+    address: str
     skipped: list[str] = field(default_factory=list)
 
     @property
@@ -74,8 +77,8 @@ class Bench:
                 process.kill()
 
     @contextmanager
-    def drive(self, model: str, address: str) -> Iterator[None]:
-        words = ["simulate", "--model", model, "--address", address, "--bind", "pty", "--link", self.link]
+    def drive(self) -> Iterator[None]:
+        words = ["simulate", "--model", self.model, "--address", self.address, "--bind", "pty", "--link", self.link]
         with self.started(words) as process:
             lines_until(process, lambda line: "Ctrl-C" in line)
             yield
@@ -101,10 +104,22 @@ class Bench:
             rest = process.communicate(timeout=CHILD_TIMEOUT_S)[0]
             assert process.returncode == code, (words, rest)
 
+    def late_replies_profile(self, model: str) -> str:
+        """Return a profile like that of ``model``, by name or path, which waits 0.3 s longer for a reply."""
+        name = "./late-replies.toml"
+        timing = '[timing]\nadapter_latency_s = 0.3\nevidence = "user"\n'
+        text = f'format = 1\nextends = "{model}"\nmodel = "late_replies"\n{timing}'
+        (self.folder / name).write_text(text, encoding="utf-8")
+        return name
+
     def execute(self, line: list[str]) -> None:
         """Run a command of a page with the simulated drive; note it where it is not run."""
-        own = {"/tmp/": f"{self.folder}/", "/etc/drivebus/": f"{self.folder}/", PORT: self.link, "4711": "1"}
+        port = f"sim://{self.model}@{self.address}" if line[1] == "scan" else self.link
+        own = {"/tmp/": f"{self.folder}/", "/etc/drivebus/": f"{self.folder}/", PORT: port, "4711": "1"}
         words = line[1:]
+        if PORT in words and "--model" in words:
+            at = words.index("--model") + 1
+            words = [*words[:at], self.late_replies_profile(words[at]), *words[at + 1 :]]
         for printed, here in own.items():  # 4711 is a page's example of a number in one's own log
             words = [word.replace(printed, here) for word in words]
         command = words[0]
@@ -144,7 +159,8 @@ WITH_COMMANDS = [page for page in PAGES_IN_ENGLISH if command_lines(page, "")]
 
 @pytest.mark.parametrize("page", WITH_COMMANDS, ids=[page.name for page in WITH_COMMANDS])
 def test_the_commands_of_a_page_run_as_printed(page: Path, tmp_path: Path) -> None:
-    bench, lines = Bench(tmp_path), command_lines(page, "")
+    lines = command_lines(page, "")
+    bench = Bench(tmp_path, *model_of(lines))
     (tmp_path / "state").mkdir(mode=0o700)
     if not any(words[1] == "init" and "plant.toml" in words for words in lines):
         (tmp_path / "plant.toml").write_text('format = 1\n[plant]\nid = "p"\ndirectory = "state"\n', encoding="utf-8")
@@ -154,7 +170,7 @@ def test_the_commands_of_a_page_run_as_printed(page: Path, tmp_path: Path) -> No
         if language == "toml" and "extends" in text:
             (tmp_path / "my-c320.toml").write_text(text, encoding="utf-8")
             break
-    with bench.drive(*model_of(lines)):
+    with bench.drive():
         for words in lines:
             bench.execute(words)
     assert set(bench.skipped) <= {*NOT_RUN, WHOLE_SCAN, OWN_SERVICE}
