@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
-import os
+import logging
+import logging.handlers
 from pathlib import Path
 
 import pytest
@@ -15,6 +15,7 @@ from drivebus.cli.demo import host
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
 from drivebus.cli.tui import view
+from drivebus.service.process.logging_setup import log_event
 
 
 def command(*words: str) -> Result:
@@ -84,16 +85,23 @@ def test_a_dry_run_fits_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -> No
     assert sum(line.startswith("  [2A ") for line in lines) == 3 == sum(line.endswith(" ms]") for line in lines)
 
 
-def test_the_log_of_the_demo_is_in_the_language_of_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Regression: ``drivebus demo --lang zh`` logged in English."""
+def test_the_log_of_the_demo_is_in_the_language_of_the_command_and_leaves_no_drive_running(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Regression: ``drivebus demo --lang zh`` logged in English, and warned at Ctrl-C of drives that ended with it."""
+    log = logging.getLogger("drivebus")
+    handler = logging.handlers.BufferingHandler(100)
+    monkeypatch.setattr(log, "handlers", [handler])
+    monkeypatch.setattr(log, "level", logging.INFO)
     monkeypatch.setenv(i18n.LANGUAGE_VARIABLE, "en")
     monkeypatch.setattr(host, "configure_logging", lambda _: None)
     monkeypatch.setattr(host.signal, "signal", lambda *_: None)
 
-    async def finish(*_: object) -> ExitCode:
-        await asyncio.sleep(0)
+    async def log_events(*_: object) -> ExitCode:
+        for kind in ("stop", "not_stopped"):
+            log_event({"kind": kind, "drive": "pump-1", "text": {"en": f"en {kind}", "zh": f"zh {kind}"}})
         return ExitCode.DONE
 
-    monkeypatch.setattr(host, "_run_with_page", finish)
+    monkeypatch.setattr(host, "_run_with_page", log_events)
     assert CliRunner().invoke(cli, ["demo", "--lang", "zh"]).exit_code == 0
-    assert os.environ[i18n.LANGUAGE_VARIABLE] == i18n.preferred() == "zh"
+    assert [record.getMessage() for record in handler.buffer] == ["zh stop"]
