@@ -153,13 +153,13 @@ def import_cycles(source: Path, *, typing: bool) -> list[list[str]]:
     names = {".".join(path.relative_to(source).with_suffix("").parts): path for path in source.rglob("*.py")}
     modules = {name.removesuffix(".__init__"): path for name, path in names.items()}
     graph = {
-        name: {found for one in _imports(path, typing) if (found := _module_of(one, modules)) and found != name}
+        name: {found for one in _imports(path, typing=typing) if (found := _module_of(one, modules)) and found != name}
         for name, path in modules.items()
     }
     return [group for group in _components(graph) if len(group) > 1]
 
 
-def _imports(path: Path, typing: bool) -> Iterator[str]:
+def _imports(path: Path, *, typing: bool) -> Iterator[str]:
     """Yield the full names that a module imports when it is loaded."""
     blocks: list[list[ast.stmt]] = [ast.parse(path.read_text(encoding="utf-8")).body]
     while blocks:

@@ -870,7 +870,11 @@ def test_a_drive_that_runs_at_another_set_frequency_is_not_confirmed() -> None:
     bus, op = vc660(fake)
     fake.registers[0x3001] = 100
     with pytest.raises(TargetNotReached):
-        bus.run(_check_setpoint(op, op.outcome(OutcomeStatus.CONFIRMED, "drives.start_confirmed"), 1000, 10.0, False))
+        bus.run(
+            _check_setpoint(
+                op, op.outcome(OutcomeStatus.CONFIRMED, "drives.start_confirmed"), 1000, 10.0, has_lost=False
+            )
+        )
 
 
 def test_modbus_errors_of_the_drive_are_refusals() -> None:

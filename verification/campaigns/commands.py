@@ -248,9 +248,9 @@ class CommandEpisode:
         for address in sorted({*self.addresses}):
             stops = [command for command in self._commands_of(address) if command.is_stop]
             if stops:
-                self._check_last_stop(stops[-1], self.scenario.drives[address].stop_pending)
+                self._check_last_stop(stops[-1], pending=self.scenario.drives[address].stop_pending)
 
-    def _check_last_stop(self, stop: UserCommand, pending: bool) -> None:
+    def _check_last_stop(self, stop: UserCommand, *, pending: bool) -> None:
         newer = [one for one in self._commands_of(stop.address) if one.is_motion and one.number > stop.number]
         violation = self.scenario.oracle.violation
         history = self.scenario.oracle.histories.get(stop.address)

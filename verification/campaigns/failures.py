@@ -55,10 +55,10 @@ def _failing_calls(
 
 
 def fail_port_calls(campaign_run: CampaignRun, variant: DriveVariant) -> None:
-    def trial(nth: int = 0, error: str = "EIO", sends_anyway: bool = False) -> PortFailureScenario:
+    def trial(nth: int = 0, error: str = "EIO", *, sends_anyway: bool = False) -> PortFailureScenario:
         name = f"{variant.name}/{nth}/{error}" + ("/sent" if sends_anyway else "")
         found = PortFailureScenario(campaign_run, variant, name)
-        calls_of_runs.append(found.run_with_failure(nth, error, sends_anyway))
+        calls_of_runs.append(found.run_with_failure(nth, error, sends_anyway=sends_anyway))
         return found
 
     calls_of_runs: list[list[str]] = []
@@ -66,7 +66,7 @@ def fail_port_calls(campaign_run: CampaignRun, variant: DriveVariant) -> None:
     for nth, (error, sends_anyway) in _failing_calls(
         campaign_run, f"port {variant.name}", [failure_modes(call) for call in calls_of_runs[0]]
     ):
-        if not trial(nth, error, sends_anyway).port.failed:
+        if not trial(nth, error, sends_anyway=sends_anyway).port.failed:
             campaign_run.violation(f"{variant.name}: call {nth} of the port never came")
         campaign_run.add_trials()
     if trial(len(calls_of_runs[0]) + 1).port.failed:

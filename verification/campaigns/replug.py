@@ -149,7 +149,7 @@ class ReplugBus:
         at = self.now
         self.scenario.oracle.on_unplugged()
         with running(self.scenario.loop):
-            self.adapter.unplug(hangs_up)
+            self.adapter.unplug(hangs_up=hangs_up)
         while self.scenario.bus.is_open and self.now < at + 2 * LOSS_DETECTED_MAX_S:
             self.scenario.loop.run_until(self.now + STEP_S)
         self.scenario.oracle.on_unplugged()  # commands given until the loss was detected are older than the port, too

@@ -179,7 +179,7 @@ class StopBus:
         self._on_command(user_command)
         assert user_command.task is not None
         user_command.task.add_done_callback(
-            lambda _: self._on_stop_ended(user_command, wait, self.stop_timer.bounds.stop_bound_s)
+            lambda _: self._on_stop_ended(user_command, waited=wait, bound_s=self.stop_timer.bounds.stop_bound_s)
         )
 
     def _on_command(self, command: UserCommand) -> None:
@@ -206,7 +206,7 @@ class StopBus:
         for command, (_, outcome) in zip(commands, report.outcomes, strict=True):
             command.outcome, command.error = outcome, None if outcome.succeeded else StopUnconfirmed(outcome.key)
             self.scenario.oracle.on_command_ended(command)
-            self._on_stop_ended(command, False, inf)
+            self._on_stop_ended(command, waited=False, bound_s=inf)
         if report.confirmed != all(outcome.status == "confirmed" for _, outcome in report.outcomes):
             self.violation(f"I3 a bus stop with {report.outcomes} is called confirmed: {report.confirmed}")
 
@@ -224,7 +224,7 @@ class StopBus:
                 self.undelayed_s.append((first_s, last_s))
         self.worst_after_other_stops_s = max(self.worst_after_other_stops_s, last_s)
 
-    def _on_stop_ended(self, command: UserCommand, waited: bool, bound_s: float) -> None:
+    def _on_stop_ended(self, command: UserCommand, *, waited: bool, bound_s: float) -> None:
         self.open_commands[command.address].remove(command)
         if command.outcome is None or command.ended_at is None:
             return self.violation(f"{command} ended with {command.error!r}")

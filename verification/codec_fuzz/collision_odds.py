@@ -62,12 +62,14 @@ class CollisionOdds:
         hits = prod(map(len, others.values()))
         if hits and form.check_rule != "none":
             same = form.size == len(self.frame)
-            counted = _crc_hits(form, self.frame, others) if form.check_rule == "crc" else _sum_hits(form, others, same)
+            counted = (
+                _crc_hits(form, self.frame, others) if form.check_rule == "crc" else _sum_hits(form, others, same=same)
+            )
             hits = min(hits, counted)
         return float(hits / 255 ** len(inside))
 
 
-def _sum_hits(form: FrameShape, others: dict[int, frozenset[int]], same: bool) -> int:
+def _sum_hits(form: FrameShape, others: dict[int, frozenset[int]], *, same: bool) -> int:
     """Return the largest number of values of the changed bytes with a correct sum; ``same``: the old ones had one."""
     if same and (len(others) == 1 or form.check.start <= min(others) <= max(others) < form.check.stop):
         return int(min(form.checksum_spellings, form.byte_spellings ** len(others))) - 1

@@ -347,7 +347,7 @@ class HostSleepScenario:
         if rng.random() < 0.5:
             commands.append(scenario.command(RUNNING_ADDRESS, "stop"))
         if jog is not None:
-            self._check_jog_ended(turning)
+            self._check_jog_ended(turning=turning)
             commands.append(jog)
         scenario.finish(*commands)
         scenario.run(SLEEP_RAMP_S + 1.0)
@@ -390,7 +390,7 @@ class HostSleepScenario:
                 self.campaign_run.count("leases lost over the sleep")
         return lease.start_outcome
 
-    def _check_jog_ended(self, turning: bool) -> None:
+    def _check_jog_ended(self, *, turning: bool) -> None:
         self.scenario.run(JOG_STOP_MAX_S)
         stops = (
             frame for frame in self.frames if frame.effect is RequestEffect.STOP and frame.address == JOGGED_ADDRESS

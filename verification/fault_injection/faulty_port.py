@@ -52,7 +52,7 @@ class FaultyPort:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._port, name)
 
-    def arm(self, nth: int, error: str, sends_anyway: bool) -> None:
+    def arm(self, nth: int, error: str, *, sends_anyway: bool) -> None:
         """Count calls from now on."""
         self.nth, self.error, self.sends_anyway, self.calls, self.failed = nth, error, sends_anyway, 0, ""
         self.calls_made.clear()
@@ -148,11 +148,11 @@ class PortFailureScenario:
         found: Any = self.scenario.bus.port
         return found if isinstance(found, FaultyPort) else found._port
 
-    def run_with_failure(self, nth: int = 0, error: str = "EIO", sends_anyway: bool = False) -> list[str]:
+    def run_with_failure(self, nth: int = 0, error: str = "EIO", *, sends_anyway: bool = False) -> list[str]:
         """Run the scenario with this failure; return all calls of the port."""
         self.port.on_lost = self.scenario.oracle.on_unplugged
         self._timed("close", self.scenario.bus.close)
-        self.port.arm(nth, error, sends_anyway)
+        self.port.arm(nth, error, sends_anyway=sends_anyway)
         self.run()
         self._timed("close", self.scenario.bus.close)
         self._open()

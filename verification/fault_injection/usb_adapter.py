@@ -113,7 +113,7 @@ class UsbAdapter:
             self._receiver = None
         raise error
 
-    def unplug(self, hangs_up: bool) -> None:
+    def unplug(self, *, hangs_up: bool) -> None:
         """Unplug the adapter; ``hangs_up``: the kernel reports it at once, else the next write fails."""
         self.machine.unplug()
         self._fails_on_write = not hangs_up

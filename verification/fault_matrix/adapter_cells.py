@@ -151,13 +151,13 @@ def adapter_echo(run: CellRun) -> None:
         scenario.expect(scenario.station(1).motor.starts == 1, "not one start")
     for setting, line_quality in (("on", "echo"), ("detect", "echo"), ("off", "echo"), ("on", "clean")):
         for paced in (True, False):
-            _check_absent_drive(run, setting, line_quality, paced)
+            _check_absent_drive(run, setting, line_quality, paced=paced)
     for setting in ("on", "detect", "off"):
         _check_frame_not_received(run, setting)
     _check_unconfigured_echo(run)
 
 
-def _check_absent_drive(run: CellRun, setting: str, line_quality: str, paced: bool) -> None:
+def _check_absent_drive(run: CellRun, setting: str, line_quality: str, *, paced: bool) -> None:
     """Check that no echo acknowledges a write to an absent drive, whatever the echo setting.
 
     Without line timing (TCP) the echo arrives when a reply is expected.

@@ -224,7 +224,7 @@ def _check_tolerated_noise(run: CellRun) -> None:
         scenario.expect(answer.error is None and answer.attempts == attempts, f"{size} bytes of junk: {answer}")
 
 
-def corrupt_reply(run: CellRun, marked: bool) -> Any:
+def corrupt_reply(run: CellRun, *, marked: bool) -> Any:
     """Return an action that flips one bit of the reply, with or without a parity mark."""
 
     def act(transmit: WireSend, data: bytes, when: float) -> Any:
@@ -243,7 +243,7 @@ def single_flipped_bit(run: CellRun) -> None:
     scenario = run.scenario()
     for number in range(FLIPS_PER_CELL):
         marked = not run.variant.has_checksum or (run.variant.undetected_swaps is not None and number % 2 == 0)
-        _check_flipped(scenario, corrupt_reply(run, marked))
+        _check_flipped(scenario, corrupt_reply(run, marked=marked))
     if not run.variant.has_checksum:
         single_reads_decide_nothing(run)
 

@@ -161,7 +161,7 @@ class GateState:
 
     # --- possible events ---------------------------------------------------------------------------------------
 
-    def possible_events(self, slots: int, rare: bool) -> list[str]:
+    def possible_events(self, slots: int, *, rare: bool) -> list[str]:
         """Return the possible events, without grants. ``slots``: submissions at a time; ``rare``: damaged replies,
         broadcast stops, cancels."""
         core, transaction, present = self.core, self.core.transaction, OUR_ADDRESS in self.core.stations
@@ -242,7 +242,7 @@ class GateState:
             and not self.permits
             and OUR_ADDRESS in self.core.stations
         ):
-            self._set_start_inhibit("", False)
+            self._set_start_inhibit("", on=False)
 
     def grant(self, place: int, shown: PermissiveInputs, missing: tuple[str, ...]) -> Self:
         """Grant a permit for this combination of inputs."""
@@ -290,9 +290,9 @@ class GateState:
         self.monitor.on_port_lost()
         self._perform(self._own_core().on_port_lost(PortLost("bus.closed"), self.now))
 
-    def _set_start_inhibit(self, _: str, on: bool = True) -> None:
+    def _set_start_inhibit(self, _: str, *, on: bool = True) -> None:
         self.monitor.start_inhibited = on
-        self._own_core().set_start_inhibit(None, on)
+        self._own_core().set_start_inhibit(None, inhibited=on)
 
     def _remove(self, _: str) -> None:
         self.monitor.on_removed()
@@ -338,7 +338,7 @@ class GateState:
             False,
         )
 
-    def _submit(self, _: str, raw: bool = False) -> None:
+    def _submit(self, _: str, *, raw: bool = False) -> None:
         """Submit the frame of the held permit as an operation does; ``raw``: as a direct call of the bus with other
         labels."""
         held = self.held_permit
@@ -453,7 +453,7 @@ _EVENTS: dict[str, Callable[[GateState, str], None]] = {
     "open": GateState._open,
     "lose": GateState._lose_port,
     "inhibit": GateState._set_start_inhibit,
-    "release": lambda state, rest: state._set_start_inhibit(rest, False),
+    "release": lambda state, rest: state._set_start_inhibit(rest, on=False),
     "remove": GateState._remove,
     "add": lambda state, rest: state._add(rest),
     "read": GateState._read,
@@ -462,7 +462,7 @@ _EVENTS: dict[str, Callable[[GateState, str], None]] = {
     "everyone": GateState._stop_all,
     "create": GateState._make_command,
     "submit": GateState._submit,
-    "raw": lambda state, rest: state._submit(rest, True),
+    "raw": lambda state, rest: state._submit(rest, raw=True),
     "forge": GateState._submit_forged,
     "cancel": GateState._cancel,
 }

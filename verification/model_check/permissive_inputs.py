@@ -64,7 +64,7 @@ def all_permissives_met(subject: ModelSubject) -> PermissiveInputs:
     return PermissiveInputs(state=DriveState.RUNNING if runs else DriveState.STOPPED)
 
 
-def input_combinations(subject: ModelSubject, small: bool) -> Iterator[PermissiveInputs]:
+def input_combinations(subject: ModelSubject, *, small: bool) -> Iterator[PermissiveInputs]:
     """Yield all combinations; ``small``: one of those that are refused alike."""
     best = all_permissives_met(subject).state
     wrong = DriveState.STOPPED if best is DriveState.RUNNING else DriveState.RUNNING

@@ -115,7 +115,7 @@ class StateSearch:
         self._refused_by_permissives_only = sole_permissives
         sole_reasons: set[str] = set()
         self._check_forged(state, number, depth, sole_reasons)
-        for event in state.possible_events(self.domain.slots, self.domain.rare):
+        for event in state.possible_events(self.domain.slots, rare=self.domain.rare):
             if event in self.domain.without:
                 continue
             self._check_transition(state.copy().apply(event), number, event, depth, sole_reasons)
@@ -179,12 +179,12 @@ class StateSearch:
         situation = state.command_key(), state.monitor.start_inhibited, state.command_word, place
         found = self._decisions.get(situation)
         if found is None:
-            found = self._decisions[situation] = decide_permit(self.subject, state, place, self.domain.small)
+            found = self._decisions[situation] = decide_permit(self.subject, state, place, small=self.domain.small)
             self.result.decisions += found.combinations
         return found
 
 
-def decide_permit(subject: ModelSubject, state: GateState, place: int, small: bool) -> PermitDecision:
+def decide_permit(subject: ModelSubject, state: GateState, place: int, *, small: bool) -> PermitDecision:
     """Let the permissives decide on every combination of inputs."""
     assert state.command is not None and state.model_command is not None
     subject.command_word = state.command_word
@@ -195,7 +195,7 @@ def decide_permit(subject: ModelSubject, state: GateState, place: int, small: bo
     combinations, is_wrong = 0, False
     sole_reasons: set[str] = set()
     granted: dict[tuple[str, ...], PermissiveInputs] = {}
-    for shown in permissive_inputs.input_combinations(subject, small):
+    for shown in permissive_inputs.input_combinations(subject, small=small):
         combinations += 1
         missing = (*missing_command, *permissive_inputs.missing_permissives(subject, effect, shown))
         permit = permissive_inputs.request_permit(subject, state.command, place, events, shown)

@@ -75,8 +75,8 @@ class WireState(GateState):
         )
         return ("no foreign master",) * foreign_master + ("no duplicate",) * duplicate
 
-    def possible_events(self, slots: int, rare: bool) -> list[str]:
-        found = [event for event in super().possible_events(slots, False) if event not in EVENTS_OF_OTHER_SEARCH]
+    def possible_events(self, slots: int, *, rare: bool) -> list[str]:
+        found = [event for event in super().possible_events(slots, rare=False) if event not in EVENTS_OF_OTHER_SEARCH]
         transaction = self.core.transaction
         if transaction is None and self.core.is_open and OUR_ADDRESS in self.core.stations:
             found.append("foreign")

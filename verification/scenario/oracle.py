@@ -139,7 +139,7 @@ class Oracle:
             self.campaign_run.count("acting frames to absent drives")
         if effect is not RequestEffect.READ:
             self._write_rules.on_write(frame, data, clock.wall_clock().date())
-        self.frame_rules.on_request(frame, self._last_character_end, answered)
+        self.frame_rules.on_request(frame, self._last_character_end, answered=answered)
         self._requests.append((transmission, frame))
 
     def _on_state_change(self, station: Any, frame: ClassifiedFrame, was_on: bool) -> None:
@@ -198,7 +198,7 @@ class Oracle:
             self.histories[address].on_command(command)
         self.trace(f"* {command}")
         if command.is_stop:
-            self.frame_rules.on_stop_command(command, bool(self.simulated_bus.masters))
+            self.frame_rules.on_stop_command(command, port_open=bool(self.simulated_bus.masters))
         return command
 
     def on_command_ended(self, command: UserCommand) -> None:
@@ -212,7 +212,7 @@ class Oracle:
         if history is None and command.succeeded:
             self.violation(f"absent drive: {command} ended as {command.result_word}")
         elif history is not None:
-            check_outcome(command, history, self.variant.reports_running, self.violation)
+            check_outcome(command, history, reports_running=self.variant.reports_running, violation=self.violation)
 
     def on_reply_accepted(self, answer: Any) -> None:
         """Check that an accepted reply is the station's reply to this request (I5)."""

@@ -65,7 +65,7 @@ class FrameRules:
         """Jogging addresses. The VC660 jogs by a level: the level bits at rest are the stop, until one of them was
         answered."""
 
-    def on_stop_command(self, command: UserCommand, port_open: bool) -> None:
+    def on_stop_command(self, command: UserCommand, *, port_open: bool) -> None:
         """Require a stop as the next frame, unless the port is lost."""
         self._stop_commands.add(command.address)
         self._stop_at[command.address] = command.at
@@ -77,11 +77,11 @@ class FrameRules:
         self._lost_at = now
         self._stop_due = None
 
-    def on_request(self, frame: ClassifiedFrame, last_received_at: float, answered: bool) -> None:
+    def on_request(self, frame: ClassifiedFrame, last_received_at: float, *, answered: bool) -> None:
         """Check a request. ``last_received_at``: end of the last received bit; ``answered``: a reply ended since the
         last request."""
         if self._last is not None:
-            self._check_timing(frame, self._last, last_received_at, answered)
+            self._check_timing(frame, self._last, last_received_at, answered=answered)
             if answered and self._last.effect in (RequestEffect.STOP, RequestEffect.RELEASE):
                 self._jogged.discard(self._last.address)
         self._last = frame
@@ -102,7 +102,7 @@ class FrameRules:
             self._status_reads[frame.address] += 1
 
     def _check_timing(
-        self, frame: ClassifiedFrame, last: ClassifiedFrame, last_received_at: float, answered: bool
+        self, frame: ClassifiedFrame, last: ClassifiedFrame, last_received_at: float, *, answered: bool
     ) -> None:
         """Check that one request is outstanding at a time, and the gap before each (I6)."""
         since = frame.start - last.end
@@ -272,7 +272,7 @@ ReportViolation = Callable[[str], None]
 
 
 def check_outcome(
-    command: UserCommand, history: DriveHistory, reports_running: bool, violation: ReportViolation
+    command: UserCommand, history: DriveHistory, *, reports_running: bool, violation: ReportViolation
 ) -> None:
     """Check the result of a command that has just ended; ``reports_running``: the drive reports whether it runs."""
 
@@ -282,9 +282,9 @@ def check_outcome(
     match command.result_word:
         case "confirmed":
             if not history.station.faults.frozen_readings:
-                _check_confirmed(command, history, reports_running, wrong)
+                _check_confirmed(command, history, reports_running=reports_running, wrong=wrong)
         case "acknowledged":
-            _check_acknowledged(command, history, reports_running, wrong)
+            _check_acknowledged(command, history, reports_running=reports_running, wrong=wrong)
         case "refused" | "failed":
             _check_not_executed(command, history, wrong)
         case "unknown" | "PortLost" | "nothing":  # nothing: the scenario was closed meanwhile
@@ -295,7 +295,7 @@ def check_outcome(
 
 
 def _check_confirmed(
-    command: UserCommand, history: DriveHistory, reports_running: bool, wrong: ReportViolation
+    command: UserCommand, history: DriveHistory, *, reports_running: bool, wrong: ReportViolation
 ) -> None:
     if not reports_running and (command.is_stop or command.method in ("run", "jog", "reset_fault")):
         wrong("this drive can't tell")
@@ -340,7 +340,7 @@ def _check_speed(command: UserCommand, history: DriveHistory, wrong: ReportViola
 
 
 def _check_acknowledged(
-    command: UserCommand, history: DriveHistory, reports_running: bool, wrong: ReportViolation
+    command: UserCommand, history: DriveHistory, *, reports_running: bool, wrong: ReportViolation
 ) -> None:
     """Check that the drive received a frame of the command. A drive that reports running receives only its new
     frequency."""

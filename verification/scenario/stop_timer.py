@@ -74,14 +74,14 @@ class StopTimer:
             self.stopped_at[sent.address] = sent.start
         foreign_traffic = before is not None and self._foreign_traffic(before, sent.start)
         for pending in tuple(self._waiting):
-            self._check_pending(pending, sent, foreign_traffic)
+            self._check_pending(pending, sent, foreign_traffic=foreign_traffic)
 
     def _foreign_traffic(self, before: SentRequest, start: float) -> bool:
         """Return whether a reply was on the wire after the end of the last transaction."""
         over = before.end + self.bounds.reply_timeout_s(before.address, before.data)
         return any(transmission.end > over and transmission.start < start for transmission in self._replies)
 
-    def _check_pending(self, pending: PendingStop, sent: SentRequest, foreign_traffic: bool) -> None:
+    def _check_pending(self, pending: PendingStop, sent: SentRequest, *, foreign_traffic: bool) -> None:
         late_s = sent.start - pending.due - (self.bounds.foreign_traffic_max_s if foreign_traffic else 0.0)
         if late_s > STOP_TOLERANCE_S:
             self._violation(

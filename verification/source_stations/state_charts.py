@@ -121,7 +121,7 @@ class ChartStation(SourceStation):
         elif self.state is ChartState.READY_TO_SWITCH_ON and not before & ON:
             self.state = ChartState.READY_TO_OPERATE
         if self.state in (ChartState.READY_TO_OPERATE, ChartState.ENABLED):
-            self._operate(bool(word & OPERATION), word & RAMP_BITS == RAMP_BITS)
+            self._operate(enabled=bool(word & OPERATION), follows=word & RAMP_BITS == RAMP_BITS)
 
     def _switch_off(self) -> None:
         """OFF1: ramp down from operation; where nothing turns, a drive that was inhibited becomes ready."""
@@ -131,7 +131,7 @@ class ChartStation(SourceStation):
         else:
             self.state = ChartState.READY_TO_SWITCH_ON
 
-    def _operate(self, enabled: bool, follows: bool) -> None:
+    def _operate(self, *, enabled: bool, follows: bool) -> None:
         if enabled:
             self.state = ChartState.ENABLED
             self.run_towards(self.set_hz if follows else 0.0)

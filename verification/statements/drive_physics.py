@@ -75,7 +75,7 @@ class DrivePhysics:
     def shows_reverse(self) -> bool:
         return self.reverse is not ("reports_reverse" in self.misbehaviours)
 
-    def start(self, reverse: bool) -> None:
+    def start(self, *, reverse: bool) -> None:
         if self.fault or "never_runs" in self.misbehaviours:
             return
         if not self.is_on and {"trips", "stops_by_itself"} & self.misbehaviours:

@@ -207,11 +207,11 @@ class Bus:
 
         ``drives`` refuses setpoints, resets and parameter writes then too.
         """
-        self.core.set_start_inhibit(addresses, True)
+        self.core.set_start_inhibit(addresses, inhibited=True)
 
     def release_start(self, addresses: Iterable[int] | None = None) -> None:
         """Reset the start inhibit: motion is permitted again, and no motor starts by itself."""
-        self.core.set_start_inhibit(addresses, False)
+        self.core.set_start_inhibit(addresses, inhibited=False)
 
     def start_inhibited(self, address: int) -> bool:
         """Return whether a start inhibit applies to this station. Raises KeyError."""

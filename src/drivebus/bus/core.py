@@ -209,7 +209,7 @@ class BusCore:
             self._complete(prepared, NoReply("bus.removed", station=address))
         return self._advance(now)
 
-    def set_start_inhibit(self, addresses: Iterable[int] | None, inhibited: bool) -> None:
+    def set_start_inhibit(self, addresses: Iterable[int] | None, *, inhibited: bool) -> None:
         """Inhibit or allow motion of these stations (None: all, also those registered later)."""
         if addresses is None:
             self.all_starts_inhibited = inhibited

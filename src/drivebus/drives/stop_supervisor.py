@@ -53,9 +53,9 @@ class StopSupervisor:
         ``drive_count``: number of drives on the bus that are stopped at the same time and read in turns.
         """
         self._runner.drive.require_capability(mode.value)
-        outcome, was_suspended = await self._stop_once(mode, wait, drive_count)
+        outcome, was_suspended = await self._stop_once(mode, wait=wait, drive_count=drive_count)
         if was_suspended:  # the drive's reports are from before that
-            outcome, _ = await self._stop_once(mode, wait, drive_count)
+            outcome, _ = await self._stop_once(mode, wait=wait, drive_count=drive_count)
         if outcome.key == "drives.stop_answered":  # all that a caller who does not ``wait`` asks for
             return outcome
         return raise_for_status(outcome, stop=True)
@@ -79,7 +79,7 @@ class StopSupervisor:
             self.start_repetition(mode)
         return outcome
 
-    async def _stop_once(self, mode: StopMode, wait: bool, drive_count: int) -> tuple[Outcome, bool]:
+    async def _stop_once(self, mode: StopMode, *, wait: bool, drive_count: int) -> tuple[Outcome, bool]:
         """Return the outcome of a stop, and whether it is unconfirmed because the host slept until after it.
 
         It is unconfirmed at its deadline, because its reads may still wait for their turn.

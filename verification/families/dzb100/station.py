@@ -43,7 +43,7 @@ class Dzb100Station:
             if effect != "stop":
                 physics.set_frequency(message.data / 10)
             if effect == "start":
-                physics.start(command == 3)
+                physics.start(reverse=command == 3)
             elif effect == "stop":
                 physics.stop()
             elif effect == "reset":

@@ -70,7 +70,7 @@ class HuanyangStation:
         if effect == "stop":
             physics.stop()
         elif effect == "start":
-            physics.start(bool(bits & OTHER_DIRECTION_BIT))
+            physics.start(reverse=bool(bits & OTHER_DIRECTION_BIT))
         state = physics.is_on | physics.is_on << 3
         return Reaction(effect=effect, reply=h.HuanyangReply(address, h.CONTROL, 0, state, 1))
 

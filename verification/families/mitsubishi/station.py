@@ -29,7 +29,7 @@ class MitsubishiStation:
             case "set":
                 physics.set_frequency(data / 100)
             case "start":
-                physics.start(bool(data & REVERSE_BIT))
+                physics.start(reverse=bool(data & REVERSE_BIT))
             case _:
                 physics.stop()
         return Reaction(effect=effect, reply=f.MitsubishiReply(address))

@@ -80,7 +80,7 @@ class ModbusStation:
     def _execute(self, physics: DrivePhysics, effect: str, register: int, value: int) -> None:
         match effect:
             case "start":
-                physics.start(bool(value & 4))
+                physics.start(reverse=bool(value & 4))
             case "stop":
                 physics.stop()
             case "reset":

@@ -60,7 +60,7 @@ class SunfarStation:
         if operation.sets_frequency:
             physics.set_frequency(data / 100)
         if effect == "start":
-            physics.start(operation in (SunfarOperation.RUN_REVERSE, SunfarOperation.RUN_REVERSE_AT))
+            physics.start(reverse=operation in (SunfarOperation.RUN_REVERSE, SunfarOperation.RUN_REVERSE_AT))
         elif effect == "stop":
             physics.stop()
         elif effect == "reset":

@@ -95,13 +95,12 @@ def hold_ramp(op: OperationContext, seconds: float) -> DriveOperation[Outcome]:
     refused = op.rejected_outcome(result)
     if refused is not None:
         return refused
-    answered = result.error is None
-    if not answered:
-        return (yield from _end_ramp_hold(op, output_hz, answered))
+    if result.error is not None:
+        return (yield from _end_ramp_hold(op, output_hz, answered=False))
     held = HeldFrequency((yield from get_bus_conditions()).now)
     if (ended := (yield from _wait_for_hold_end(op, command, seconds, held))) is not None:
         return ended
-    outcome = yield from _end_ramp_hold(op, output_hz, answered)
+    outcome = yield from _end_ramp_hold(op, output_hz, answered=True)
     if not outcome.succeeded:
         return outcome
     if held.has_changed(op):
@@ -151,7 +150,7 @@ def _wait_for_hold_end(
         yield from wait(min(RAMP_HOLD_POLL_INTERVAL_S, ends_at - now))
 
 
-def _end_ramp_hold(op: OperationContext, output_hz: float, answered: bool) -> DriveOperation[Outcome]:
+def _end_ramp_hold(op: OperationContext, output_hz: float, *, answered: bool) -> DriveOperation[Outcome]:
     """End the hold, by a stop where the drive does not acknowledge that. ``answered``: it has acknowledged the hold."""
     op.age = CommandAge(requested_at=None, checks_started_at=None)  # the end was requested for now
     command = op.create_command(CommandKind.RAMP_HOLD, (yield from get_bus_conditions()))
@@ -160,8 +159,9 @@ def _end_ramp_hold(op: OperationContext, output_hz: float, answered: bool) -> Dr
         result = yield from op.send_command(command, op.dialect.end_hold())
         if result.error is None and op.rejected_outcome(result) is None:
             op.may_be_running = False
-            held, unknown = "drives.ramp_held", "drives.ramp_hold_unanswered"
-            return op.unverifiable_outcome(answered, held, unknown, output_hz=output_hz)
+            return op.unverifiable_outcome(
+                "drives.ramp_held", "drives.ramp_hold_unanswered", answered=answered, output_hz=output_hz
+            )
     except (StartInhibited, Expired):
         pass  # the drive no longer shows that it runs, or the bus forbids every motion by now
     stopped = yield from stop(op)

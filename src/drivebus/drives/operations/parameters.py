@@ -185,7 +185,7 @@ def _write_one(op: OperationContext, write: CheckedWrite, *, save: bool) -> Driv
     if present_raw == write.raw and outcome.status is OutcomeStatus.CONFIRMED:
         # RAM held the value before it was saved: reading it back proves nothing about the EEPROM
         outcome = op.unverifiable_outcome(
-            result.error is None, "drives.save_acknowledged", "drives.save_unknown", **params
+            "drives.save_acknowledged", "drives.save_unknown", answered=result.error is None, **params
         )
     if save and outcome.succeeded:
         with suppress(ConfigurationError):  # unrecorded, the next save of this value is not skipped: safe
@@ -198,7 +198,9 @@ def _read_back(
 ) -> DriveOperation[Outcome]:
     """Read the value back behind a sync probe, by another request than the write, whose echo proves nothing."""
     if not write.parameter.readable:
-        return op.unverifiable_outcome(answered, "drives.write_acknowledged", "drives.write_unanswered", **params)
+        return op.unverifiable_outcome(
+            "drives.write_acknowledged", "drives.write_unanswered", answered=answered, **params
+        )
     raw: int | None = None
     error: DrivebusError | None = None
     for attempt in range(READ_BACK_TRIES):

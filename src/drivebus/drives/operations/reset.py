@@ -32,7 +32,7 @@ def reset_fault(op: OperationContext) -> DriveOperation[Outcome]:
     if refused is not None:
         return refused
     if not op.dialect.reports_run_state:
-        return op.unverifiable_outcome(answered, "drives.reset_acknowledged", "drives.reset_unknown")
+        return op.unverifiable_outcome("drives.reset_acknowledged", "drives.reset_unknown", answered=answered)
     return (yield from _wait_until_cleared(op, command, frames, answered=answered))
 
 

@@ -240,7 +240,7 @@ def _send_start(
     yield from _stop_at_overspeed(op, frequency_hz)
     if outcome.status is OutcomeStatus.CONFIRMED and op.dialect.start_includes_setpoint:
         has_lost = op.lost_replies > lost_before
-        return (yield from _check_setpoint(op, outcome, word, frequency_hz, has_lost))
+        return (yield from _check_setpoint(op, outcome, word, frequency_hz, has_lost=has_lost))
     return outcome
 
 
@@ -293,7 +293,7 @@ def confirm_start(
 ) -> DriveOperation[Outcome]:
     """Confirm the start by verified states; resend an unanswered one only while they show standstill."""
     if not op.dialect.reports_run_state:
-        return op.unverifiable_outcome(answered, "drives.start_acknowledged", "drives.start_unknown")
+        return op.unverifiable_outcome("drives.start_acknowledged", "drives.start_unknown", answered=answered)
     sent_again = 0
     deadline = (yield from op.check_not_superseded(command)) + START_CONFIRM_TIMEOUT_S
     op.motion_seen = False
@@ -343,7 +343,7 @@ def _unconfirmed_outcome(op: OperationContext, state: DriveState) -> Outcome:
 
 
 def _check_setpoint(
-    op: OperationContext, outcome: Outcome, word: int, frequency_hz: float, has_lost: bool
+    op: OperationContext, outcome: Outcome, word: int, frequency_hz: float, *, has_lost: bool
 ) -> DriveOperation[Outcome]:
     """Check the frequency of a confirmed start, where the drive shows it.
 

@@ -98,7 +98,7 @@ def stop(
     can't report standstill is sent the stop three times in either case, and the outcome is acknowledged.
     """
     outcome = yield from _send_and_confirm(
-        op, mode, wait_confirmed, progress or StopProgress(op, (yield from get_bus_conditions()).now)
+        op, mode, progress or StopProgress(op, (yield from get_bus_conditions()).now), wait_confirmed=wait_confirmed
     )
     if outcome.succeeded:
         op.may_be_running = op.motion_seen = False
@@ -106,12 +106,12 @@ def stop(
 
 
 def _send_and_confirm(
-    op: OperationContext, mode: StopMode, wait_confirmed: bool, progress: StopProgress
+    op: OperationContext, mode: StopMode, progress: StopProgress, *, wait_confirmed: bool
 ) -> DriveOperation[Outcome]:
     started_at = (yield from get_bus_conditions()).now
     answered = yield from send_stop(op, mode)
     if not op.dialect.reports_run_state:
-        return (yield from _repeat_unverifiable(op, mode, answered, started_at))
+        return (yield from _repeat_unverifiable(op, mode, answered=answered, last_sent_at=started_at))
     if not wait_confirmed and not op.stops_sent:
         return unconfirmed_outcome(op)
     if not wait_confirmed:
@@ -175,7 +175,7 @@ def _may_stop(op: OperationContext) -> DriveOperation[bool]:
 
 
 def _repeat_unverifiable(
-    op: OperationContext, mode: StopMode, answered: bool, last_sent_at: float
+    op: OperationContext, mode: StopMode, *, answered: bool, last_sent_at: float
 ) -> DriveOperation[Outcome]:
     """Stop a drive without a run status: repeat it, then report it as acknowledged."""
     for _ in range(UNVERIFIABLE_STOP_SENDS - 1):
