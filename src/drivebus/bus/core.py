@@ -787,7 +787,7 @@ class BusCore:
             elif frame.kind is TraceKind.UNSOLICITED:
                 self.unsolicited.keep_fragment(data, received_at)
             self.echo.record_repeat(data[: frame.size])
-            self._record_unsolicited(frame, data[: frame.size], received_at, now)
+            self._record_unsolicited(frame, data, received_at, now)
             data = data[frame.size :]
 
     def _join_split_request(self, data: bytes, received_at: float) -> bytes:
@@ -861,9 +861,7 @@ class BusCore:
         is_alone = len(data) == request.size
         # Bytes after it may have come after a pause. Then only its earliest time is known, which overstates no delay.
         received_at = transaction.last_byte_at or now if is_alone else transaction.tx_end_at
-        self._record_unsolicited(
-            UnsolicitedFrame(kind, station, request.message, request.size), frame, received_at, now
-        )
+        self._record_unsolicited(UnsolicitedFrame(kind, station, request.message, request.size), data, received_at, now)
 
     def _detect_overlapping_request(self, transaction: Transaction, now: float) -> None:
         """Count a request of another master whose end was received while we sent: the reply may be that to it."""
@@ -872,13 +870,12 @@ class BusCore:
         if request is not None:
             self._record_foreign_request(data, transaction.sent_at, now)
             self._end_foreign_request(now)
-            kind = TraceKind.FOREIGN_REQUEST
-            frame = UnsolicitedFrame(kind, None, request.message, request.size)
-            self._record_unsolicited(frame, data[: request.size], transaction.sent_at, now)
+            frame = UnsolicitedFrame(TraceKind.FOREIGN_REQUEST, None, request.message, request.size)
+            self._record_unsolicited(frame, data, transaction.sent_at, now)
 
     def _record_unsolicited(self, frame: UnsolicitedFrame, data: bytes, received_at: float, now: float) -> None:
-        """Count an unsolicited frame; a second or a foreign reply makes its station suspect."""
-        kind, station = frame.kind, frame.station
+        """Count the frame at the start of ``data``; a second or a foreign reply makes its station suspect."""
+        kind, station, data = frame.kind, frame.station, data[: frame.size]
         self.counters.count_event(kind.value)
         if station is not None:
             station.counters.count_event(kind.value)
