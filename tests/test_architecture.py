@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from verification.structure import import_cycles
+
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "src" / "drivebus"
 PAGES = [ROOT / "docs" / "explanation" / f"architecture{language}.md" for language in ("", ".zh")]
@@ -37,6 +39,21 @@ def test_every_path_that_a_page_names_exists(page: Path) -> None:
     named = re.findall(r"`((?:[\w.-]+/)+[\w.-]*)`", page.read_text(encoding="utf-8"))
     assert len(named) > 5
     assert [path for path in named if not (ROOT / path).exists() and not (SOURCE / path).exists()] == []
+
+
+def test_a_program_may_begin_with_the_import_of_any_module(tmp_path: Path) -> None:
+    """Trap: a circle through the ``__init__`` of a package, which only a program that begins inside it shows."""
+    for name, text in {
+        "plant/__init__.py": "from plant import load",
+        "plant/load.py": "from api import names",
+        "plant/model.py": "",
+        "api/__init__.py": "",
+        "api/names.py": "from plant.model import Plant",
+    }.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    assert import_cycles(tmp_path, typing=False, packages=True) == [["api.names", "plant", "plant.load"]]
+    assert import_cycles(SOURCE.parent, typing=False, packages=True) == []
 
 
 def positional_fields(record: ast.ClassDef) -> list[str]:

@@ -148,14 +148,19 @@ def _is_string(node: ast.stmt) -> bool:
 # --- import cycles ----------------------------------------------------------------------------------------------------
 
 
-def import_cycles(source: Path, *, typing: bool) -> list[list[str]]:
-    """Return the groups of modules that import each other at module level; ``typing``: type-checking imports count."""
+def import_cycles(source: Path, *, typing: bool, packages: bool = False) -> list[list[str]]:
+    """Return the groups of modules that import each other at module level.
+
+    ``typing``: type-checking imports count; ``packages``: so do the packages of a module, which are imported before it.
+    """
     names = {".".join(path.relative_to(source).with_suffix("").parts): path for path in source.rglob("*.py")}
     modules = {name.removesuffix(".__init__"): path for name, path in names.items()}
-    graph = {
-        name: {found for one in _imports(path, typing=typing) if (found := _module_of(one, modules)) and found != name}
-        for name, path in modules.items()
-    }
+    graph: dict[str, set[str]] = {}
+    for name, path in modules.items():
+        imported = {module for one in _imports(path, typing=typing) if (module := _module_of(one, modules))}
+        if packages:
+            imported |= {package for module in imported for package in _packages(module)} - _packages(name)
+        graph[name] = imported - {name}
     return [group for group in _components(graph) if len(group) > 1]
 
 
@@ -180,6 +185,12 @@ def _imports(path: Path, *, typing: bool) -> Iterator[str]:
 def _module_of(name: str, modules: dict[str, Path]) -> str | None:
     """Return the module that this name is, or is in."""
     return name if name in modules else parent if (parent := name.rpartition(".")[0]) in modules else None
+
+
+def _packages(name: str) -> set[str]:
+    """Return the packages that hold a module."""
+    parts = name.split(".")
+    return {".".join(parts[:count]) for count in range(1, len(parts))}
 
 
 def _components(graph: dict[str, set[str]]) -> list[list[str]]:

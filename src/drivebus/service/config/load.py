@@ -32,6 +32,7 @@ from drivebus.service.config.gateways import installed_gateways, plant_file_sche
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.config.redaction import restore_url
 from drivebus.service.config.schema import PLANT_FILE_FORMAT, PlantFile
+from drivebus.service.ids import ID_PATTERN
 
 CATALOGUE = "plant_config"
 MAX_DIAGNOSTICS = 100
@@ -184,7 +185,6 @@ def _diagnostic_at(fault: Issue, lines: Mapping[tuple[str, ...], int], source: s
 
 _PLANT_TABLE = re.compile(r"^[ \t]*\[[ \t]*plant[ \t]*\][^\n]*\n(.*?)(?=^[ \t]*\[|\Z)", re.MULTILINE | re.DOTALL)
 """Finds the table in a file whose rest may be invalid TOML."""
-_PLANT_ID = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 
 
 def state_directory_of(plant: str) -> Path:
@@ -196,7 +196,7 @@ def state_directory_of(plant: str) -> Path:
     directory, id = table.get("directory"), table.get("id")
     if isinstance(directory, str) and directory:
         return (Path(plant).resolve().parent / Path(directory).expanduser()).resolve()
-    if directory is None and isinstance(id, str) and _PLANT_ID.fullmatch(id):
+    if directory is None and isinstance(id, str) and re.fullmatch(ID_PATTERN, id):
         return state_directory(id)
     return load(plant).directory
 

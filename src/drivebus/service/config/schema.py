@@ -13,8 +13,8 @@ from pydantic import BeforeValidator, Field
 
 from drivebus.drives.context import DEFAULT_EEPROM_WRITES_PER_DAY
 from drivebus.profiles.schema import LanguageCode, StrictTable, table_of_text
-from drivebus.service.api.operations.operation import Id
 from drivebus.service.config.model import AlarmKind, HistoryConfig
+from drivebus.service.ids import Id
 
 PLANT_FILE_FORMAT = 1
 """Newest file format that this version reads."""

@@ -10,13 +10,13 @@ from drivebus.bus.trace import TraceKind
 from drivebus.service.api.operations.drive_view import PresenceName
 from drivebus.service.api.operations.operation import (
     ApiObject,
-    Id,
     LocalizedText,
     Operation,
     OperationParams,
     PageSize,
 )
 from drivebus.service.auth.rights import Right
+from drivebus.service.ids import Id
 from drivebus.values import Text
 
 

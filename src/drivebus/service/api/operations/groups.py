@@ -12,13 +12,13 @@ from drivebus.service.api.operations.operation import (
     ApiObject,
     Audit,
     Frequency,
-    Id,
     LocalizedText,
     Operation,
     OperationParams,
 )
 from drivebus.service.api.operations.outcomes import OutcomesResponse
 from drivebus.service.auth.rights import Right
+from drivebus.service.ids import Id
 from drivebus.values import Text
 
 

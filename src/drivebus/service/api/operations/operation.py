@@ -20,6 +20,7 @@ from drivebus.clock import MAX_TIME_MS
 from drivebus.profiles.diagnostics import CONTROL_CHARACTERS, CONTROL_RANGES, INVISIBLE_RANGES, is_blank
 from drivebus.service.api.errors import params_error, pydantic_faults
 from drivebus.service.auth.rights import RequiredAccess, Right
+from drivebus.service.ids import Id
 from drivebus.types import Json
 from drivebus.values import Text
 
@@ -39,8 +40,6 @@ Name = Annotated[
 ]
 IssuedId = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[A-Za-z0-9_-]+$")]
 """Id that the service has made, as of an alarm: a client's own words in its place would stand in the audit trail."""
-ID_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"
-Id = Annotated[str, Field(pattern=ID_PATTERN)]
 DriveId = Annotated[Id, Field(examples=["fan-1"])]
 Frequency = Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False, examples=[25.0])]
 

@@ -6,9 +6,10 @@ from typing import Annotated
 
 from pydantic import Field
 
-from drivebus.service.api.operations.operation import Audit, DriveId, Id, Operation, OperationParams, Reason
+from drivebus.service.api.operations.operation import Audit, DriveId, Operation, OperationParams, Reason
 from drivebus.service.api.operations.outcomes import ChangesResponse
 from drivebus.service.auth.rights import Right
+from drivebus.service.ids import Id
 from drivebus.values import Text
 
 MAX_SELECTED_DRIVES = 1000
