@@ -44,6 +44,11 @@ def world_of(model: str) -> PureBus:
     return PureBus(dialect=dialect_for(model), station=faulty if model == "c320" else FakeModbus(standing))
 
 
+def command_context(bus: PureBus, checks_started_at: float, requested_at: float | None = None) -> OperationContext:
+    drive = context_for(bus.dialect)
+    return OperationContext(drive, stop_epoch=0, checks_started_at=checks_started_at, requested_at=requested_at)
+
+
 def asleep_over(bus: PureBus, of_this: Callable[[BusRequest], bool]) -> None:
     """Suspend the host for an hour during this transaction."""
 
@@ -65,7 +70,7 @@ COMMANDS: dict[str, Any] = {
 def test_no_frame_of_a_command_is_sent_an_hour_after_its_request(model: str) -> None:
     """Neither the frequency of a run nor a fault reset: the first frame follows the request within CHECKS_TIMEOUT_S."""
     bus = world_of(model)
-    op = OperationContext(context_for(bus.dialect), 0, bus.now)
+    op = command_context(bus, bus.now)
     asleep_over(bus, lambda ask: len(bus.requests) == 2)
     with pytest.raises(Expired) as caught:
         bus.run(COMMANDS[model](op))
@@ -77,7 +82,7 @@ def test_no_frame_of_a_command_is_sent_an_hour_after_its_request(model: str) -> 
 @pytest.mark.parametrize("save", [False, True])
 def test_a_write_is_not_sent_an_hour_after_its_request(save: bool) -> None:
     bus = PureBus(dialect=dialect_for("c320"), station=FakeC320())
-    op = OperationContext(context_for(bus.dialect), 0, bus.now - HOUR_S)
+    op = command_context(bus, bus.now - HOUR_S)
     with pytest.raises(Expired):
         bus.run(write_values(op, {"F0.2": 30.0}, save=save))
     assert not bus.sent(sunfar.SunfarWriteParameter)
@@ -86,9 +91,7 @@ def test_a_write_is_not_sent_an_hour_after_its_request(save: bool) -> None:
 def test_the_rest_of_a_list_of_writes_is_not_sent_after_a_sleep_and_this_is_no_error_of_nothing_sent() -> None:
     bus = PureBus(dialect=dialect_for("c320"), station=FakeC320())
     asleep_over(bus, lambda ask: ask.request == sunfar.SunfarReadParameter(1, 1, 10))
-    outcome = bus.run(
-        write_values(OperationContext(context_for(bus.dialect), 0, bus.now), {"F0.2": 30.0, "F1.10": 2.0}, save=True)
-    )
+    outcome = bus.run(write_values(command_context(bus, bus.now), {"F0.2": 30.0, "F1.10": 2.0}, save=True))
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_written")
     assert isinstance(outcome.params["why"], Expired) and outcome.params["notation"] == "F1.10"
     assert [note[1]["notation"] for note in outcome.notes] == ["F0.2"]
@@ -105,7 +108,7 @@ def test_a_list_of_writes_that_a_stop_supersedes_names_what_was_written() -> Non
 
     bus.on_request = stop
     values = {"F0.2": 30.0, "F1.10": 2.0, "F6.12": 3.0}
-    outcome = bus.run(write_values(OperationContext(context_for(bus.dialect), 0, bus.now), values, save=True))
+    outcome = bus.run(write_values(command_context(bus, bus.now), values, save=True))
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_written")
     assert isinstance(outcome.params["why"], Superseded) and outcome.params["notation"] == "F1.10"
     assert [(key, params["notation"]) for key, params in outcome.notes] == [
@@ -114,14 +117,14 @@ def test_a_list_of_writes_that_a_stop_supersedes_names_what_was_written() -> Non
     ]
     assert len(bus.sent(sunfar.SunfarWriteParameter)) == 1
     with pytest.raises(Superseded):
-        bus.run(write_values(OperationContext(context_for(bus.dialect), 0, bus.now), {"F0.2": 31.0}, save=True))
+        bus.run(write_values(command_context(bus, bus.now), {"F0.2": 31.0}, save=True))
 
 
 def test_a_list_of_writes_may_take_longer_than_one_of_them() -> None:
     """Each write has CHECKS_TIMEOUT_S of its own: a long list on a slow bus does not expire."""
     bus = PureBus(dialect=dialect_for("c320"), station=FakeC320(), transaction_s=0.9)
     values = {"F0.2": 30.0, "F1.10": 2.0, "F6.12": 3.0}
-    assert bus.run(write_values(OperationContext(context_for(bus.dialect), 0, bus.now), values, save=True)).succeeded
+    assert bus.run(write_values(command_context(bus, bus.now), values, save=True)).succeeded
     assert bus.now > 2 * CHECKS_TIMEOUT_S and len(bus.sent(sunfar.SunfarWriteParameter)) == 3
 
 
@@ -141,7 +144,7 @@ def last_motion_s(name: str, transaction_s: float, requested_at: float | None) -
     sent: list[float] = []
     bus.on_request = lambda ask: sent.append(bus.now) if ask.permit and ask.permit.effect is Effect.MOTION else None
     with contextlib.suppress(Expired):
-        bus.run(operation(OperationContext(context_for(bus.dialect), 0, 100.0, requested_at)))
+        bus.run(operation(command_context(bus, 100.0, requested_at)))
     return sent[-1] - 100.0 if sent else None
 
 
@@ -234,7 +237,7 @@ def motions_asleep_over(model: str, operation: Any, nth: int) -> list[int]:
 
     bus.on_request = watch
     with contextlib.suppress(DrivebusError):
-        bus.run(operation(OperationContext(context_for(bus.dialect), 0, bus.now)))
+        bus.run(operation(command_context(bus, bus.now)))
     return moved
 
 

@@ -302,7 +302,7 @@ def test_a_start_is_not_confirmed_by_a_drive_that_does_something_else(state: sun
 def test_a_command_expires_when_its_checks_take_too_long(age_s: float, fits: bool) -> None:
     """The command's own two seconds begin only after them."""
     bus = PureBus(dialect=dialect_for("c320"), station=FakeC320(), conditions=BusConditions(now=100.0 + age_s))
-    op = OperationContext(operation_for(bus.dialect).drive, 0, 100.0)
+    op = OperationContext(operation_for(bus.dialect).drive, stop_epoch=0, checks_started_at=100.0)
     with contextlib.nullcontext() if fits else pytest.raises(Expired):
         bus.run(op.check_deadline())
 
@@ -312,7 +312,7 @@ def test_a_stop_since_the_request_supersedes_the_command_before_it_is_created() 
     bus = PureBus(dialect=dialect_for("c320"), station=FakeC320())
     memory = operation_for(bus.dialect).drive
     stopped = BusConditions(now=1.0, stop_epoch=4)
-    assert OperationContext(memory, 3).create_command(CommandKind.START, stopped).stop_epoch == 3
+    assert OperationContext(memory, stop_epoch=3).create_command(CommandKind.START, stopped).stop_epoch == 3
     assert OperationContext(memory).create_command(CommandKind.START, stopped).stop_epoch == 4
 
 

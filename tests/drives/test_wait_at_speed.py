@@ -25,7 +25,7 @@ def waiting(fake: FakeC320) -> tuple[PureBus, OperationContext]:
 
 
 def wait_for(bus: PureBus, op: OperationContext, hz: float = 10.0, timeout_s: float | None = 2.0) -> Outcome:
-    return bus.run(wait_at_speed(op, hz, STARTED, timeout_s))
+    return bus.run(wait_at_speed(op, hz, STARTED, timeout_s=timeout_s))
 
 
 def test_it_is_there_when_the_drive_says_running_at_that_frequency() -> None:
@@ -40,7 +40,7 @@ def test_a_reverse_run_is_there_where_the_drive_reports_its_frequency_as_negativ
 ) -> None:
     monkeypatch.setattr(OperationContext, "output_hz", lambda op: -10.0)
     bus, op = waiting(FakeC320(state=sunfar.SunfarState.RUNNING_REVERSE, output=1000))
-    done = bus.run(wait_at_speed(op, 10.0, STARTED, 2.0, Direction.REVERSE))
+    done = bus.run(wait_at_speed(op, 10.0, STARTED, timeout_s=2.0, direction=Direction.REVERSE))
     assert (done.status, done.params["output_hz"]) == (OutcomeStatus.CONFIRMED, -10.0)
 
 
@@ -48,7 +48,7 @@ def test_a_speed_that_is_reached_shows_the_frequency_that_could_not_be_read_back
     bus, op = waiting(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, output=1000))
     other = ("drives.precondition_unread", {"notation": "F0.1", "why": "drives.not_read"})
     started = replace(STARTED, notes=(("drives.setpoint_not_shown", {"frequency_hz": 10.0}), other))
-    assert bus.run(wait_at_speed(op, 10.0, started, 2.0)).notes == (other,)
+    assert bus.run(wait_at_speed(op, 10.0, started, timeout_s=2.0)).notes == (other,)
 
 
 def test_an_output_frequency_that_is_not_read_is_not_the_set_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,7 +108,7 @@ def test_a_speed_that_still_approaches_is_not_waited_for_beyond_the_time_that_is
         fake.output += 10
 
     with pytest.raises(TargetNotReached) as caught:
-        bus.run(wait_at_speed(op, 50.0, STARTED, 5.26, None, rise))
+        bus.run(wait_at_speed(op, 50.0, STARTED, timeout_s=5.26, on_progress=rise))
     assert caught.value.params["limit_s"] == caught.value.params["waited_s"] == 5.3
     assert bus.now == pytest.approx(105.276)
 
@@ -121,7 +121,9 @@ def test_a_speed_that_one_read_shows_at_the_end_of_the_time_has_one_more_read() 
         if bus.now > 1.8:
             fake.state, fake.output = sunfar.SunfarState.RUNNING_FORWARD, 5000
 
-    assert bus.run(wait_at_speed(op, 50.0, STARTED, 2.0, None, arrive)).status is OutcomeStatus.CONFIRMED
+    assert (
+        bus.run(wait_at_speed(op, 50.0, STARTED, timeout_s=2.0, on_progress=arrive)).status is OutcomeStatus.CONFIRMED
+    )
     assert bus.now > 2.2
 
 
@@ -135,7 +137,7 @@ def test_a_speed_that_no_longer_approaches_is_not_waited_for(held_at_s: float) -
         fake.output = 1000 + round(min(bus.now, held_at_s) * 10)
 
     with pytest.raises(TargetNotReached) as caught:
-        bus.run(wait_at_speed(op, 50.0, STARTED, None, None, rise))
+        bus.run(wait_at_speed(op, 50.0, STARTED, timeout_s=None, on_progress=rise))
     assert bus.now == pytest.approx(max(60.0, held_at_s + 5.0), abs=1.0)
     assert caught.value.params["limit_s"] == pytest.approx(bus.now, abs=1.0)
 
@@ -149,7 +151,7 @@ def test_a_motor_that_only_passes_the_frequency_is_not_there() -> None:
         fake.output = 2000
 
     with pytest.raises(TargetNotReached) as caught:
-        bus.run(wait_at_speed(op, 10.0, STARTED, 2.0, None, pass_by))
+        bus.run(wait_at_speed(op, 10.0, STARTED, timeout_s=2.0, on_progress=pass_by))
     assert caught.value.params["found_hz"] == 20.0
 
 
@@ -157,7 +159,7 @@ def test_every_status_that_is_read_while_waiting_is_reported_as_progress() -> No
     bus, op = waiting(FakeC320(state=sunfar.SunfarState.ACCELERATING_FORWARD, output=500))
     shown: list[Any] = []
     with pytest.raises(TargetNotReached):
-        bus.run(wait_at_speed(op, 10.0, STARTED, 2.0, None, shown.append))
+        bus.run(wait_at_speed(op, 10.0, STARTED, timeout_s=2.0, on_progress=shown.append))
     assert 9 <= len(shown) <= 11 and {status.readings["output_frequency"].value for status in shown} == {5.0}
 
 

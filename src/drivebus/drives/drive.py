@@ -170,7 +170,9 @@ class Drive:
         readings are then valid for three of these periods.
         """
         self._load_stored()
-        return Monitor(self.bus, self.dialect, signals, on_change, period_s, self._read_listeners)
+        return Monitor(
+            self.bus, self.dialect, signals, on_change, period_s=period_s, read_listeners=self._read_listeners
+        )
 
     def _publish_read(self, result: BusResult) -> None:
         """Pass a read to the monitors one turn of the event loop later, so that none can delay or break a command.
@@ -224,7 +226,9 @@ class Drive:
             outcome = await self._stops.run_motion(start.run(op, frequency_hz, way, will_wait=wait))
             if not wait:
                 return outcome
-            waiting = wait_at_speed(op, frequency_hz, outcome, timeout_s, way, on_progress)
+            waiting = wait_at_speed(
+                op, frequency_hz, outcome, timeout_s=timeout_s, direction=way, on_progress=on_progress
+            )
             return raise_for_status(await self._runner.run(waiting))
 
     async def set_frequency(self, frequency_hz: float, requested_at: float | None = None) -> Outcome:

@@ -42,6 +42,7 @@ class Monitor:
         dialect: Dialect,
         signals: Iterable[str] | None = None,
         on_change: Callable[[DriveStatus], None] | None = None,
+        *,
         period_s: float = 0.0,
         read_listeners: list[Callable[[BusResult], None]] | None = None,
     ) -> None:

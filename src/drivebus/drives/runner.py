@@ -93,7 +93,9 @@ class OperationRunner:
         """
         self._load_stored()
         transact = self._shared.transact
-        return await run_operation(operation, self.bus, self._address, self._store, first_result, transact)
+        return await run_operation(
+            operation, self.bus, self._address, self._store, first_result=first_result, transact=transact
+        )
 
     def submit_first(self, operation: DriveOperation[Any]) -> asyncio.Future[BusResult]:
         """Submit the first request of an operation now: one turn of the event loop later a poll might go first."""
@@ -120,6 +122,7 @@ async def run_operation(
     bus: Bus,
     address: int,
     store: Store,
+    *,
     first_result: asyncio.Future[BusResult] | None = None,
     transact: Callable[[BusRequest], Awaitable[BusResult]] | None = None,
 ) -> T:

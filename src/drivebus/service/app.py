@@ -129,9 +129,9 @@ class Service:
         self.supervision = SupervisionCycle(
             self.plant,
             self.publisher,
-            self.jogs,
-            self.policies,
-            self.control,
+            jogs=self.jogs,
+            policies=self.policies,
+            control=self.control,
             storage=storage,
             incidents=self.incidents,
             watchdog=watchdog,

@@ -242,7 +242,15 @@ def test_the_choices_of_a_parameter_are_named_and_not_counted(draw: Draw, found:
 def test_an_alarm_of_an_interlock_has_its_title_and_not_its_id(draw: Draw, fan: Any) -> None:
     """Beside the drive stood the id of plant.toml."""
     title = Text("Fans need a pump", "风机需要水泵")
-    alarm = system_alarm("1", SystemAlarm.INTERLOCK_TRIP, "fan-1", Text("fan", "风机"), 0, "cool", {"interlock": title})
+    alarm = system_alarm(
+        "1",
+        SystemAlarm.INTERLOCK_TRIP,
+        drive="fan-1",
+        name=Text("fan", "风机"),
+        now_ms=0,
+        subject="cool",
+        params={"interlock": title},
+    )
     text = draw("alarms/alarm-rows", "AlarmRows", {"alarms": [alarm.as_json()]}, topics={"drives/fan-1": fan})
     assert 'Interlock "Fans need a pump"' in text and "cool" not in text
 

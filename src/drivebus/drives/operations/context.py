@@ -92,6 +92,7 @@ class OperationContext:
     def __init__(
         self,
         drive: DriveContext,
+        *,
         stop_epoch: int | None = None,
         checks_started_at: float | None = None,
         requested_at: float | None = None,

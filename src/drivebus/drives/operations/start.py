@@ -388,6 +388,7 @@ def wait_at_speed(
     op: OperationContext,
     frequency_hz: float,
     outcome: Outcome,
+    *,
     timeout_s: float | None,
     direction: Direction | None = None,
     on_progress: Callable[[DriveStatus], None] | None = None,

@@ -197,7 +197,14 @@ class AlarmEngine:
                 changes += self._clear(condition.key, now_ms)
             if raised is not None:
                 drive = condition.drive
-                alarm = configured_alarm(self._new_id(), condition.setting, drive, self._titles[drive], raised, now_ms)
+                alarm = configured_alarm(
+                    self._new_id(),
+                    condition.setting,
+                    drive=drive,
+                    name=self._titles[drive],
+                    found=raised,
+                    now_ms=now_ms,
+                )
                 changes += self._raise(alarm)
         return changes
 
@@ -220,7 +227,16 @@ class AlarmEngine:
         ``sentence`` as in ``system_alarm``; ``params`` are the parameters of that sentence.
         """
         name = self._titles.get(drive, Text(drive, drive))
-        alarm = system_alarm(self._new_id(), kind, drive, name, now_ms, subject, params, sentence)
+        alarm = system_alarm(
+            self._new_id(),
+            kind,
+            drive=drive,
+            name=name,
+            now_ms=now_ms,
+            subject=subject,
+            params=params,
+            sentence=sentence,
+        )
         return [] if alarm.key in self._uncleared else self._raise(alarm)
 
     def clear_alarm(self, kind: SystemAlarm, drive: str, now_ms: int, *, subject: str = "") -> list[AlarmChange]:

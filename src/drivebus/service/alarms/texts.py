@@ -61,7 +61,9 @@ def text_params(drive: Text, found: Mapping[str, Any], value: Any) -> dict[str, 
     }
 
 
-def configured_alarm(id: str, setting: AlarmConfig, drive: str, name: Text, found: Observation, now_ms: int) -> Alarm:
+def configured_alarm(
+    id: str, setting: AlarmConfig, *, drive: str, name: Text, found: Observation, now_ms: int
+) -> Alarm:
     """Return the alarm that an observed value raises."""
     params = text_params(name, found.params or {}, found.value)
     return Alarm(
@@ -83,6 +85,7 @@ def configured_alarm(id: str, setting: AlarmConfig, drive: str, name: Text, foun
 def system_alarm(
     id: str,
     kind: SystemAlarm,
+    *,
     drive: str,
     name: Text,
     now_ms: int,
