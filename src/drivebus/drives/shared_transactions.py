@@ -46,12 +46,14 @@ class SharedTransactions:
         """Perform one transaction that is sent after this call, with others that ask for the same frame meanwhile."""
         if request.tag is OWN_FRAME:
             return await self._bus.transact(request)
-        found = next((shared for shared in self._shared if shared.is_joinable() and shared.request == request), None)
-        if found is None:
-            found = _SharedTransaction(self._bus, request)
-            self._shared.append(found)
-            found.result.add_done_callback(lambda _: self._shared.remove(found))
-        return await asyncio.shield(found.result)
+        transaction = next(
+            (shared for shared in self._shared if shared.is_joinable() and shared.request == request), None
+        )
+        if transaction is None:
+            transaction = _SharedTransaction(self._bus, request)
+            self._shared.append(transaction)
+            transaction.result.add_done_callback(lambda _: self._shared.remove(transaction))
+        return await asyncio.shield(transaction.result)
 
 
 class _SharedTransaction:

@@ -47,8 +47,8 @@ def _ineffective(
     """Yield the named keys that the file sets, beside ``other`` or without it."""
     for name in names:
         if name in table.model_fields_set and getattr(table, name) not in (None, False, {}):
-            found = getattr(table, name)
-            shown = name if isinstance(found, dict) else found
+            setting = getattr(table, name)
+            shown = name if isinstance(setting, dict) else setting
             if beside:
                 yield issue("no_effect_beside", (section, name), shown, other=other)
             else:

@@ -83,9 +83,9 @@ def control_character_issues(value: Any, path: KeyPath = (), multiline: Collecti
             yield from control_character_issues(inner, path, multiline)
     elif isinstance(value, str):
         text = value.replace("\n", " ").replace("\t", " ") if path and path[-1] in multiline else value
-        found = CONTROL_CHARACTERS.search(text)
-        if found is not None:
-            yield issue("control_character", path, CONTROL_CHARACTERS.sub("�", value), code=f"U+{ord(found[0]):04X}")
+        match = CONTROL_CHARACTERS.search(text)
+        if match is not None:
+            yield issue("control_character", path, CONTROL_CHARACTERS.sub("�", value), code=f"U+{ord(match[0]):04X}")
 
 
 def is_blank(text: str) -> bool:
@@ -223,11 +223,11 @@ _RANGE_OPERATORS = {"greater_than": ">", "greater_than_equal": ">=", "less_than"
 
 def issues_from_pydantic(error: ValidationError, root: type[BaseModel]) -> list[Issue]:
     """Return one issue per fault that pydantic reports in a file of this schema; a union counts once."""
-    found: dict[tuple[str | int, ...], Issue] = {}
+    issues: dict[tuple[str | int, ...], Issue] = {}
     for fault in error.errors(include_url=False):
         path = tuple(part for part in fault["loc"] if part not in ("[key]", "str", "int", "float", "bool"))
-        found.setdefault(path, _to_issue(fault, path, root))
-    return list(found.values())
+        issues.setdefault(path, _to_issue(fault, path, root))
+    return list(issues.values())
 
 
 def _to_issue(fault: Any, path: tuple[str | int, ...], root: type[BaseModel]) -> Issue:
@@ -258,7 +258,7 @@ def _known_keys(path: tuple[str | int, ...], root: type[BaseModel]) -> list[str]
         model = _child_model(model, part)
         if model is None:
             return []
-    fields = [info.alias or name for name, info in model.model_fields.items()]
+    fields = [field.alias or name for name, field in model.model_fields.items()]
     return nearest_names(str(path[-1]), fields) or sorted(fields)
 
 
@@ -267,18 +267,18 @@ def _child_model(model: Any, part: str | int) -> Any:
     fields = getattr(model, "model_fields", None)
     if fields is None:
         return None
-    info = next((f for name, f in fields.items() if (f.alias or name) == part), None)
-    return _find_model(info.annotation) if info else model
+    field = next((f for name, f in fields.items() if (f.alias or name) == part), None)
+    return _find_model(field.annotation) if field else model
 
 
 def _find_model(annotation: Any) -> Any:
     if hasattr(annotation, "model_fields"):
         return annotation
     inner = (_find_model(argument) for argument in getattr(annotation, "__args__", ()))
-    return next((found for found in inner if found is not None), None)
+    return next((model for model in inner if model is not None), None)
 
 
 def nearest_names(name: str, choices: Iterable[str]) -> list[str]:
     """Return up to three known names that are similar to ``name``, the most similar first."""
     by_folded = {candidate.lower(): candidate for candidate in choices}
-    return [by_folded[found] for found in difflib.get_close_matches(name.strip().lower(), by_folded, 3, 0.5)]
+    return [by_folded[folded] for folded in difflib.get_close_matches(name.strip().lower(), by_folded, 3, 0.5)]

@@ -27,7 +27,7 @@ def parse_evidence(lines: Mapping[str, str]) -> Evidence:
 
 def translate_pages(source: str, language: str) -> str:
     """Return an English source with its mentions of pages, such as "manual pages 3 and 4", in ``language``."""
-    return source if language == "en" else _PAGES.sub(lambda found: _pages(found, language), source)
+    return source if language == "en" else _PAGES.sub(lambda match: _pages(match, language), source)
 
 
 def _pages(match: re.Match[str], language: str) -> str:

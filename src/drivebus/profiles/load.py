@@ -87,8 +87,8 @@ def profile_files(model: str | Path) -> list[Path]:
 def own_files(model: str | Path) -> list[Path]:
     """Return those files of a profile that are not installed with a family. Raises ProfileError."""
     installed = (DATA_DIRECTORY, *(family.profiles for family in protocol_families() if family.profiles is not None))
-    found = profile_files(model)
-    return [path for path in found if not any(path.is_relative_to(folder) for folder in installed)]
+    files = profile_files(model)
+    return [path for path in files if not any(path.is_relative_to(folder) for folder in installed)]
 
 
 @cache
@@ -161,10 +161,10 @@ def _find_file(model: str | Path, beside: Path | None = None) -> Path:
         own = _file_in_any_case(name, _user_files())
     if shipped and own and (own.stem == name or shipped.stem != name):
         raise _single_error(own, issue("shadows", (), name))
-    found = shipped or own
-    if found is None:
+    file = shipped or own
+    if file is None:
         raise _single_error(Path(name), issue("no_model", (), name, near=tuple(similar_models(name)) or "-"))
-    return found
+    return file
 
 
 def _file_in_any_case(name: str, files: Mapping[str, Path]) -> Path | None:
@@ -245,14 +245,14 @@ def _read_bytes(path: Path) -> bytes:
 
 def _merge_chain(sources: list[_TomlSource]) -> dict[str, Any]:
     """Merge a chain, the last base first, without the key ``extends``."""
-    result: dict[str, Any] = {}
+    merged: dict[str, Any] = {}
     for source in reversed(sources):
         data = {key: value for key, value in source.data.items() if key != "extends"}
-        result = _merge(
-            result,
+        merged = _merge(
+            merged,
             data | {name: _mark_scales_published(data[name]) for name in ("signals", "parameters") if name in data},
         )
-    return result
+    return merged
 
 
 def _mark_scales_published(table: Any) -> Any:
@@ -279,7 +279,7 @@ def _merge(base: Mapping[str, Any], top: Mapping[str, Any]) -> dict[str, Any]:
 
 def _located_error(sources: list[_TomlSource], issues: list[Issue]) -> ProfileError:
     """Return the error with each issue at the line of its key, in the nearest file that has it."""
-    located = sorted((_locate_issue(sources, found) for found in issues), key=lambda c: (c.file, c.line or 0))
+    located = sorted((_locate_issue(sources, fault) for fault in issues), key=lambda c: (c.file, c.line or 0))
     return profile_error(located)
 
 

@@ -439,7 +439,7 @@ class IdentityCodes:
 
     def names_other(self, code: int, model: str) -> bool:
         """Return whether a code is that of other models only, where the code of this one is known."""
-        has_code = any(model in found for found in self.models.values())
+        has_code = any(model in names for names in self.models.values())
         return has_code and code in self.models and model not in self.models[code]
 
 
@@ -551,6 +551,6 @@ class DriveProfile:
 
     def setpoint_locators(self) -> frozenset[Locator]:
         """Return the addresses of the set frequency beside the command word."""
-        found = self.commands
+        commands = self.commands
         words = range(self.setpoint_scale.words)
-        return frozenset(("holding", found.setpoint_register + n) for n in words) if found else frozenset()
+        return frozenset(("holding", commands.setpoint_register + n) for n in words) if commands else frozenset()

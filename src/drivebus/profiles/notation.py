@@ -131,7 +131,7 @@ def _unknown_name_error(profile: DriveProfile, name: str) -> ProfileError:
     examples = _style(profile.notation).examples
     group, dot, _ = name.strip().upper().partition(".")
     near = [] if name.strip().isdecimal() else nearest_names(name, [*profile.signals, *profile.parameters])
-    near = [found for found in near if not dot or found.upper().partition(".")[0] == group]
+    near = [candidate for candidate in near if not dot or candidate.upper().partition(".")[0] == group]
     if not near:
         return ProfileError("profiles.unknown_name", name=name, model=profile.model, examples=examples)
     return ProfileError(
@@ -144,11 +144,11 @@ def _no_group_error(profile: DriveProfile, name: str) -> ProfileError | None:
     listed = map(
         _group_and_item, [*profile.parameters, *profile.unplaced, *(f"{group}.0" for group in profile.group_sizes)]
     )
-    groups, found = sorted({one[0] for one in listed if one}), _group_and_item(name)
-    if found is None or not groups or found[0] <= groups[-1]:
+    groups, named = sorted({one[0] for one in listed if one}), _group_and_item(name)
+    if named is None or not groups or named[0] <= groups[-1]:
         return None
     names = tuple(f"F{group:02d}" for group in groups)
-    return ProfileError("profiles.no_group", notation=name, model=profile.model, group=f"F{found[0]:02d}", groups=names)
+    return ProfileError("profiles.no_group", notation=name, model=profile.model, group=f"F{named[0]:02d}", groups=names)
 
 
 def _unlisted_parameter(profile: DriveProfile, name: str, locator: Locator) -> Parameter:

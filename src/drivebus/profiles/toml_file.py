@@ -111,8 +111,8 @@ def syntax_fault(error: tomllib.TOMLDecodeError, text: str) -> TomlFault:
 
 def _first_word(line: str) -> str:
     """Return the key or the name of the table that the line begins with, or its first character."""
-    found = _FIRST_WORD.match(line)
-    return found[1] if found else line.strip()[:1]
+    match = _FIRST_WORD.match(line)
+    return match[1] if match else line.strip()[:1]
 
 
 def format_issue(data: Mapping[str, Any], newest: int) -> Issue | None:

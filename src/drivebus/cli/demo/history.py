@@ -138,7 +138,7 @@ def past_alarms(drive: DriveConfig, profile: DriveProfile, events: Sequence[Demo
         fault = trip_fault(profile)
         observation = Observation(LimitState.VIOLATED, fault["code"], {"fault": fault})
         alarm = configured_alarm(
-            "", FAULT_ALARM, drive=drive.id, name=drive.title, found=observation, now_ms=event.time_ms
+            "", FAULT_ALARM, drive=drive.id, name=drive.title, observation=observation, now_ms=event.time_ms
         )
         acknowledged_ms = min(event.time_ms + ACKNOWLEDGED_AFTER_MS, after.time_ms)
         yield replace(alarm, acknowledged_ms=acknowledged_ms, acknowledged_by=by, cleared_ms=after.time_ms)

@@ -64,33 +64,35 @@ class AlarmCondition:
         Both happen when a drive reports another fault than the one that raised the alarm, and when a drive that was
         silent sends a reply that can't be used.
         """
-        found = OBSERVERS[self.setting.kind](self.setting, view)
-        shows_reply = self.raised and self._is_no_silence(found)
-        cleared = shows_reply or (self.raised and (found.state is LimitState.NORMAL or self._is_other_fault(found)))
+        observation = OBSERVERS[self.setting.kind](self.setting, view)
+        shows_reply = self.raised and self._is_no_silence(observation)
+        cleared = shows_reply or (
+            self.raised and (observation.state is LimitState.NORMAL or self._is_other_fault(observation))
+        )
         if cleared:
             self.raised, self._since = False, self._since if shows_reply else None
-        return cleared, found if self._becomes_active(found, now) else None
+        return cleared, observation if self._becomes_active(observation, now) else None
 
-    def _is_other_fault(self, found: Observation) -> bool:
-        is_fault = self.setting.kind is AlarmKind.FAULT and found.state is LimitState.VIOLATED
-        return is_fault and found.value not in (self.value, UNNAMED_FAULT_CODE)
+    def _is_other_fault(self, observation: Observation) -> bool:
+        is_fault = self.setting.kind is AlarmKind.FAULT and observation.state is LimitState.VIOLATED
+        return is_fault and observation.value not in (self.value, UNNAMED_FAULT_CODE)
 
-    def _is_no_silence(self, found: Observation) -> bool:
+    def _is_no_silence(self, observation: Observation) -> bool:
         """Return whether the alarm says that a drive is silent which sends something now."""
         is_silence = self.setting.kind is AlarmKind.NO_RESPONSE and self.value is None
-        return is_silence and found.state is LimitState.VIOLATED and found.value is not None
+        return is_silence and observation.state is LimitState.VIOLATED and observation.value is not None
 
-    def _becomes_active(self, found: Observation, now: float) -> bool:
+    def _becomes_active(self, observation: Observation, now: float) -> bool:
         """Return whether the limit has been violated for the whole delay. Unknown values do not restart the delay."""
-        if self.raised or found.state is LimitState.UNKNOWN:
+        if self.raised or observation.state is LimitState.UNKNOWN:
             return False
-        if found.state is not LimitState.VIOLATED:
+        if observation.state is not LimitState.VIOLATED:
             self._since = None
             return False
         self._since = now if self._since is None else self._since
-        if now - self._since + DELAY_TOLERANCE_S < max(self.setting.delay_s, found.delay_s):
+        if now - self._since + DELAY_TOLERANCE_S < max(self.setting.delay_s, observation.delay_s):
             return False
-        self.raised, self.value = True, found.value
+        self.raised, self.value = True, observation.value
         return True
 
 

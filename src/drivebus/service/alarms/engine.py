@@ -67,8 +67,8 @@ class AlarmShelf:
             self._until[alarm.key] = (now + left_ms / 1000, shelving)
 
     def shelving(self, key: AlarmKey) -> Shelving:
-        found = self._until.get(key)
-        return NOT_SHELVED if found is None else found[1]
+        shelved = self._until.get(key)
+        return NOT_SHELVED if shelved is None else shelved[1]
 
     def expired(self, now: float) -> list[AlarmKey]:
         """Return the keys whose time has ended."""
@@ -165,8 +165,8 @@ class AlarmEngine:
         return condition
 
     def _clear_where(self, matches: Callable[[Alarm], bool], now_ms: int) -> list[AlarmChange]:
-        found = [key for key, id in self._uncleared.items() if matches(self._alarms[id])]
-        return [change for key in found for change in self._clear(key, now_ms)]
+        keys = [key for key, id in self._uncleared.items() if matches(self._alarms[id])]
+        return [change for key in keys for change in self._clear(key, now_ms)]
 
     def _restore(self, alarm: Alarm, now: float, now_ms: int) -> None:
         """Restore an alarm of an earlier run. System alarms are cleared: the service raises again what still holds.
@@ -202,7 +202,7 @@ class AlarmEngine:
                     condition.setting,
                     drive=drive,
                     name=self._titles[drive],
-                    found=raised,
+                    observation=raised,
                     now_ms=now_ms,
                 )
                 changes += self._raise(alarm)

@@ -63,11 +63,11 @@ class AlarmLog:
             data = b""
             self._put_aside(Path.rename)
         *lines, torn = data.split(b"\n")
-        found = [_decode_line(line) for line in lines]
-        for alarm in (*found, _decode_line(torn)):
+        decoded = [_decode_line(line) for line in lines]
+        for alarm in (*decoded, _decode_line(torn)):
             if alarm is not None:
                 self._remember(alarm)
-        if None in found:
+        if None in decoded:
             self._put_aside(link_or_copy)
         is_torn = torn or self.damaged_copy
         self._lines = data.count(b"\n") + (MAX_LOG_LINES if is_torn else 0)  # a torn end forces a rewrite
@@ -99,8 +99,8 @@ class AlarmLog:
         """Return a page of the alarms raised in ``from_ms <= time < to_ms``, newest first. Raises InvalidParameters
         for an unknown cursor.
         """
-        found = sorted(self._alarms.values(), key=lambda one: -alarm_number(one.id))
-        wanted = (a for a in found if from_ms <= a.raised_ms < to_ms and drive in (None, a.drive))
+        newest_first = sorted(self._alarms.values(), key=lambda one: -alarm_number(one.id))
+        wanted = (a for a in newest_first if from_ms <= a.raised_ms < to_ms and drive in (None, a.drive))
         shown = map(self._with_acknowledgement, wanted)
         return page(((alarm_number(alarm.id), alarm.as_json) for alarm in shown), cursor, limit)
 

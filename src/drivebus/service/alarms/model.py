@@ -152,15 +152,15 @@ class Alarm:
         }
 
     @classmethod
-    def from_json(cls, found: dict[str, Any]) -> Alarm:
+    def from_json(cls, stored: dict[str, Any]) -> Alarm:
         """Return the alarm of a log line. Raises KeyError, TypeError, ValueError for anything else."""
-        texts: dict[str, Json] = {name: found[name] for name in ("title", "text", "remedy") if name in found}
+        texts: dict[str, Json] = {name: stored[name] for name in ("title", "text", "remedy") if name in stored}
         alarm = cls(
             **{
-                "first_id": found["id"],  # the log of an earlier version has no count
-                "first_raised_ms": found["raised_ms"],
-                **found,
-                "priority": AlarmPriority(found["priority"]),
+                "first_id": stored["id"],  # the log of an earlier version has no count
+                "first_raised_ms": stored["raised_ms"],
+                **stored,
+                "priority": AlarmPriority(stored["priority"]),
                 **{name: Text(text["en"], text["zh"]) for name, text in texts.items()},
             }
         )

@@ -40,32 +40,32 @@ def alarm_title(setting: AlarmConfig, params: Mapping[str, Any]) -> Text:
     return bilingual_text(f"alarms.title.{sentence_of(setting, params)}", **params)
 
 
-def sentence_of(setting: AlarmConfig, found: Mapping[str, Any]) -> str:
+def sentence_of(setting: AlarmConfig, params: Mapping[str, Any]) -> str:
     """Return the end of the keys of an alarm's sentences: its kind, except for a drive that sends something."""
-    return "unusable_reply" if found.get("unusable_reply") else str(setting.kind)
+    return "unusable_reply" if params.get("unusable_reply") else str(setting.kind)
 
 
-def text_params(drive: Text, found: Mapping[str, Any], value: Any) -> dict[str, Any]:
+def text_params(drive: Text, params: Mapping[str, Any], value: Any) -> dict[str, Any]:
     """Return the parameters of an alarm's sentence."""
-    fault = found.get("fault") or {}
-    signals = [signal_name(name) for name in found.get("signals", ())]
+    fault = params.get("fault") or {}
+    signals = [signal_name(name) for name in params.get("signals", ())]
     return {
         "drive": drive,
         "value": formatted_number(value),
-        "unit": found.get("unit", ""),
-        "threshold": formatted_number(found.get("threshold")),
-        "signal": signal_name(str(found.get("signal"))),
+        "unit": params.get("unit", ""),
+        "threshold": formatted_number(params.get("threshold")),
+        "signal": signal_name(str(params.get("signal"))),
         "signals": Text.join(signals, "items"),
         "fault": _fault_text(fault),
-        "unusable_reply": Text.from_mapping(found["unusable_reply"]["text"]) if "unusable_reply" in found else "",
+        "unusable_reply": Text.from_mapping(params["unusable_reply"]["text"]) if "unusable_reply" in params else "",
     }
 
 
 def configured_alarm(
-    id: str, setting: AlarmConfig, *, drive: str, name: Text, found: Observation, now_ms: int
+    id: str, setting: AlarmConfig, *, drive: str, name: Text, observation: Observation, now_ms: int
 ) -> Alarm:
     """Return the alarm that an observed value raises."""
-    params = text_params(name, found.params or {}, found.value)
+    params = text_params(name, observation.params or {}, observation.value)
     return Alarm(
         id=id,
         setting=setting.id,
@@ -74,11 +74,11 @@ def configured_alarm(
         kind=str(setting.kind),
         title=alarm_title(setting, params),
         text=bilingual_text(f"alarms.text.{sentence_of(setting, params)}", **params),
-        remedy=_remedy(found.params or {}) or bilingual_text(f"alarms.remedy.{setting.kind}"),
+        remedy=_remedy(observation.params or {}) or bilingual_text(f"alarms.remedy.{setting.kind}"),
         raised_ms=now_ms,
         first_id=id,
         first_raised_ms=now_ms,
-        value=found.value,
+        value=observation.value,
     )
 
 
@@ -129,19 +129,19 @@ def _fault_text(fault: Mapping[str, Any]) -> Text:
         meaning = meanings[language]
         if not names_fault_label(meaning, label):
             return f"{label} {meaning}".strip()
-        found = word.match(meaning) if word else None
-        return meaning[found.end() :] if found else meaning
+        match = word.match(meaning) if word else None
+        return meaning[match.end() :] if match else meaning
 
     return Text.per_language(per_language)
 
 
-def _remedy(found: Mapping[str, Any]) -> Text | None:
+def _remedy(params: Mapping[str, Any]) -> Text | None:
     """Return the remedy of the reported fault, or of the reply that can't be used; None without one."""
-    key = f"hint.{(found.get('unusable_reply') or {}).get('code')}"
-    return bilingual_text(key) if i18n.known(key) else _fault_remedy(found)
+    key = f"hint.{(params.get('unusable_reply') or {}).get('code')}"
+    return bilingual_text(key) if i18n.known(key) else _fault_remedy(params)
 
 
-def _fault_remedy(found: Mapping[str, Any]) -> Text | None:
+def _fault_remedy(params: Mapping[str, Any]) -> Text | None:
     """Return the remedy that the profile publishes for the reported fault; None without one in both languages."""
-    remedy = (found.get("fault") or {}).get("remedy") or {}
+    remedy = (params.get("fault") or {}).get("remedy") or {}
     return Text(remedy["en"], remedy["zh"]) if remedy.get("en") and remedy.get("zh") else None

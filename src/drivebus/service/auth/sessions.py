@@ -74,8 +74,8 @@ class SessionStore:
     def read(self) -> tuple[StoredSession, ...]:
         """Return the sessions saved since the machine started; none if the file cannot be read."""
         with contextlib.suppress(OSError, ValidationError):
-            found = _SESSION_FILE_ADAPTER.validate_json(self.path.read_bytes())
-            return found.sessions if found.boot == _boot_id() != "" else ()
+            stored = _SESSION_FILE_ADAPTER.validate_json(self.path.read_bytes())
+            return stored.sessions if stored.boot == _boot_id() != "" else ()
         return ()
 
     def write(self, sessions: tuple[StoredSession, ...]) -> None:

@@ -52,8 +52,8 @@ class CommLossRecord:
         """Return a stored record, None where there is none. Raises ValueError, TypeError or KeyError for other data."""
         if not text:
             return None
-        found = json.loads(text)
-        record = cls(**{**found, "result": CommLossResult(found["result"])})
+        stored = json.loads(text)
+        record = cls(**{**stored, "result": CommLossResult(stored["result"])})
         parameters = record.parameters
         if not isinstance(parameters, Mapping) or not all(type(raw) is int for raw in parameters.values()):
             raise TypeError("a parameter is not a number")

@@ -259,9 +259,9 @@ class CommLossTests:
 
     async def _record(self, test: ActiveTest, record: CommLossRecord) -> None:
         """Record a result in the audit trail, then in the settings. Raises AuditUnavailable, ConfigurationError."""
-        runtime, found = test.runtime, record.as_json()
+        runtime = test.runtime
         entry = AuditEntry.by(
-            test.actor, "comm_loss.result", target=runtime.id, params=found, outcome=str(record.result)
+            test.actor, "comm_loss.result", target=runtime.id, params=record.as_json(), outcome=str(record.result)
         )
         await self.plant.audit.record(entry)
         await asyncio.to_thread(self.plant.store.put, record_key(runtime.id), record.to_json())

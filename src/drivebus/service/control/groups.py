@@ -114,14 +114,14 @@ class GroupCommands:
             if any(other.id not in self.plant.drives for other in runtimes):
                 raise Superseded("plant.another_meanwhile", drive=runtime.id)
             frequency_hz = follower_hz(group, runtime.id, params.frequency_hz)
-            found = await self.commands.start_drive(runtime, frequency_hz, params.direction, actor, requested_at)
+            started = await self.commands.start_drive(runtime, frequency_hz, params.direction, actor, requested_at)
         except DrivebusError as error:
             if runtime is runtimes[0] and _is_expired(error):
                 raise  # the command has expired for every drive
             return error_to_json(error)
         runtime.group_started_at = self.plant.now()
-        answer: Json = found["outcome"]
-        return answer
+        outcome: Json = started["outcome"]
+        return outcome
 
     def _check_not_superseded(self, group: GroupConfig, ticket: CommandTicket) -> None:
         """Raise Superseded after a stop of one of its drives, or a reload that changed one of them or the group."""
@@ -197,10 +197,11 @@ class GroupCommands:
             return {"outcomes": outcomes | _skipped(group, rest)}
         if first:
             ticket = replace(ticket, issued_at=self.plant.now())
-        found = await asyncio.gather(
+        rest_outcomes = await asyncio.gather(
             *(self._set_follower_unless_stopped(group, runtime, params.frequency_hz, actor, ticket) for runtime in rest)
         )
-        return {"outcomes": outcomes | {runtime.id: outcome for runtime, outcome in zip(rest, found, strict=True)}}
+        rest_ids = [runtime.id for runtime in rest]
+        return {"outcomes": outcomes | dict(zip(rest_ids, rest_outcomes, strict=True))}
 
     async def _set_follower_unless_stopped(
         self, group: GroupConfig, runtime: DriveRuntime, frequency_hz: float, actor: Actor, ticket: CommandTicket

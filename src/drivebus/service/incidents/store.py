@@ -94,14 +94,14 @@ class IncidentStore:
             (_incident_number(id), _read_json(self.folder / id / "summary.json")) for id in reversed(self._ids())
         )
         wanted = (
-            (number, one)
-            for number, one in summaries
-            if one is not None
-            and _is_summary(one)
-            and from_ms <= one["time_ms"] < to_ms
-            and drive in (None, one["drive"])
+            (number, summary)
+            for number, summary in summaries
+            if summary is not None
+            and _is_summary(summary)
+            and from_ms <= summary["time_ms"] < to_ms
+            and drive in (None, summary["drive"])
         )
-        return page(((number, lambda one=one: one) for number, one in wanted), cursor, limit)  # type: ignore[misc]
+        return page(((number, lambda summary=summary: summary) for number, summary in wanted), cursor, limit)  # type: ignore[misc]
 
     def _path(self, id: str) -> Path:
         """Return an incident's folder. Only ids of the strict form are accepted, so that none leads elsewhere."""
@@ -152,9 +152,9 @@ def _read_json(path: Path) -> Json | None:
     return document if isinstance(document, dict) else None
 
 
-def _is_summary(found: Json) -> bool:
+def _is_summary(stored: Json) -> bool:
     """Return whether a stored object is a summary; a damaged one would keep all others from being listed."""
-    return type(found.get("time_ms")) is int and type(found.get("drive")) is str
+    return type(stored.get("time_ms")) is int and type(stored.get("drive")) is str
 
 
 def _read_notes(path: Path) -> list[Json]:

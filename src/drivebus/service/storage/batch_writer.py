@@ -79,13 +79,13 @@ class BatchWriter(Generic[T, R]):
                 results = await self.run_in_thread(partial(self._write_batch, [pending.item for pending in batch]))
             except Exception as error:  # any error goes to the waiting tasks; the other items stay queued
                 self._on_failure(batch, error)
-                if all(item.result is None for item in self._queue):
+                if all(pending.result is None for pending in self._queue):
                     return
                 continue
             self.error = None
-            for item, result in zip(batch, results, strict=True):
-                if item.result is not None and not item.result.done():
-                    item.result.set_result(result)
+            for pending, result in zip(batch, results, strict=True):
+                if pending.result is not None and not pending.result.done():
+                    pending.result.set_result(result)
 
     async def run_in_thread(self, function: Callable[[], V]) -> V:
         """Run a function in the thread, between two batches."""
@@ -94,13 +94,13 @@ class BatchWriter(Generic[T, R]):
     def _on_failure(self, batch: list[_PendingItem[T, R]], error: Exception) -> None:
         """Pass an error to the waiting tasks; the other items stay first in the queue."""
         self.error = error
-        self._queue.extendleft(item for item in reversed(batch) if item.result is None)
-        for item in batch:
-            if item.result is not None and not item.result.done():
-                item.result.set_exception(error)
+        self._queue.extendleft(pending for pending in reversed(batch) if pending.result is None)
+        for pending in batch:
+            if pending.result is not None and not pending.result.done():
+                pending.result.set_exception(error)
 
     def _drop_oldest(self) -> None:
-        oldest = next((item for item in self._queue if item.result is None), None)
+        oldest = next((pending for pending in self._queue if pending.result is None), None)
         if oldest is not None:
             self._queue.remove(oldest)
             self.dropped += 1

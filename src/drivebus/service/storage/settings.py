@@ -59,12 +59,12 @@ class StoredSettings:
     def of(cls, store: Store, drive: str) -> StoredSettings:
         """Read the settings of a drive. Never raises: what can't be read permits nothing."""
         try:
-            limits = store.get(limits_key(drive))
-            found, identity = (None, None) if limits is None else _limits_from_json(limits)
-            lost = limits is None and drive in _names_from_json(store.get(LOST_LIMITS_KEY) or "[]")
+            stored = store.get(limits_key(drive))
+            limits, identity = (None, None) if stored is None else _limits_from_json(stored)
+            lost = stored is None and drive in _names_from_json(store.get(LOST_LIMITS_KEY) or "[]")
         except (ConfigurationError, ValueError, TypeError, OverflowError, RecursionError):
-            found, identity, lost = None, None, True
-        return cls(_stored_waiver(store, drive), found, lost, _stored_record(store, drive), identity)
+            limits, identity, lost = None, None, True
+        return cls(_stored_waiver(store, drive), limits, lost, _stored_record(store, drive), identity)
 
 
 def limits_key(drive: str) -> str:
@@ -96,9 +96,9 @@ def _limits_from_json(text: str) -> tuple[DriveLimits, DriveIdentity | None]:
     return limits, _identity_from_json(identity)
 
 
-def _identity_from_json(found: object) -> DriveIdentity | None:
+def _identity_from_json(stored: object) -> DriveIdentity | None:
     """Return a stored identity; None for anything else."""
-    match found:
+    match stored:
         case {"model": str(model), "port": str(port), "address": int(address)} if type(address) is int:
             return DriveIdentity(model, port, address)
     return None
@@ -106,10 +106,10 @@ def _identity_from_json(found: object) -> DriveIdentity | None:
 
 def _names_from_json(text: str) -> list[str]:
     """Return a stored list of names. Raises ValueError, TypeError."""
-    found = json.loads(text)
-    if not isinstance(found, list):
+    names = json.loads(text)
+    if not isinstance(names, list):
         raise TypeError("a list was expected")
-    return found
+    return names
 
 
 def _stored_waiver(store: Store, drive: str) -> CommLossWaiver | None:
