@@ -1,7 +1,7 @@
 """Check, when a bus is configured, whether stations of different protocols may share it.
 
 Bytes of one protocol may look like a frame of another. Every representative frame to a station of one protocol is
-decoded as a request of the others, at every offset; any match is rejected. Stops are sent regardless of this check.
+decoded as a request of the others, at every offset; any match is rejected.
 """
 
 from __future__ import annotations

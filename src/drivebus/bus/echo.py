@@ -2,8 +2,7 @@
 
 ``on`` and ``off`` are the user's settings. ``detect`` observes the first frame after opening whose reply cannot equal
 it: if the frame is received before the reply, the adapter echoes; if the reply is received alone, it does not; silence
-and fragments decide nothing. No frame is sent for that purpose. A later contradiction changes the result, also a frame
-that is received once more after it was taken for its own mirrored reply.
+and fragments decide nothing. No frame is sent for that purpose. A later contradiction changes the result.
 
 Some replies equal their request (FC06, FC08, and a C320 class 3 request whose checksum is its own). A wrong setting
 can't forge such an acknowledgement:
@@ -11,8 +10,7 @@ can't forge such an acknowledgement:
 * set ``on`` without an echo: the real reply is taken for the echo, nothing is left: NoReply;
 * set ``off`` with an echo: a reply that equals its request is accepted only after this opening of the port has brought
   a reply that does not equal its request and had no echo before it. With an echoing adapter each read's reply has the
-  request in front of it and is invalid. Where the port has line timing, bytes before our last stop bit are dropped
-  anyway, and a reply after such bytes rules nothing out;
+  request in front of it and is invalid;
 * and an outcome is never confirmed by an acknowledgement alone: that takes a later read.
 """
 

@@ -9,9 +9,8 @@ Priorities: stop > command > parameter > poll > probe, first in first out within
   bus still finds a drive that comes back;
 * after nine polls in a row a waiting request of priority probe (a scan) goes first.
 
-A stop is the next frame: it waits only for the frame on the wire and the gap. It removes its station's queued
-commands and voids every permit granted before. Where several stations are to be stopped, the one whose last stop is
-longest ago goes first, so that no stop waits for the repetitions of another.
+A stop is the next frame: it waits only for the frame on the wire and the gap. Where several stations are to be
+stopped, the one whose last stop is longest ago goes first, so that no stop waits for the repetitions of another.
 """
 
 from __future__ import annotations

@@ -126,9 +126,10 @@ async def run_operation(
     first_result: asyncio.Future[BusResult] | None = None,
     transact: Callable[[BusRequest], Awaitable[BusResult]] | None = None,
 ) -> T:
-    """Perform the steps of an operation and return its result. Cancelling it sends nothing more.
+    """Perform the steps of an operation and return its result.
 
-    ``transact`` performs its transactions, None: ``Bus.transact``. A frame that it shares is sent all the same.
+    ``transact`` performs its transactions, None: ``Bus.transact``. After it is cancelled nothing more is sent, except a
+    frame that ``transact`` shares.
     """
     transact = transact or bus.transact
     try:

@@ -1,7 +1,7 @@
 """Raw TCP serial servers, and the TCP connection that ``rfc2217`` uses too.
 
-The serial settings are made on the server itself. Line timing and parity checks are lost: the network batches bytes
-and no parity error is reported. The baud rate of the port URL must be the server's own: bus timing is computed from it.
+The serial settings are made on the server itself; the port URL has the same baud rate, because bus timing is computed
+from it. Line timing and parity checks are lost: the network batches bytes and no parity error is reported.
 
 The connection is dropped, with the bytes that it still holds, when the peer has accepted nothing for
 ``TCP_STALL_TIMEOUT_S``, as a start could reach the drive long after it was requested.

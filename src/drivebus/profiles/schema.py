@@ -181,8 +181,8 @@ class ScaleIn(StrictTable):
 class SetpointIn(StrictTable):
     """Scale of the setpoint. Narrow bounds catch a wrong factor, which could overspeed a motor.
 
-    Either steps of ``factor`` Hz, or a share of the drive's maximum frequency (``full_scale``). The maximum is read
-    from the parameter ``maximum``; without one it is the stated ``maximum_hz``, and a cap holds until it is confirmed.
+    Either steps of ``factor`` Hz, or a share (``full_scale``) of the drive's maximum frequency, which is read from the
+    parameter ``maximum`` or stated as ``maximum_hz``.
     """
 
     factor: Annotated[float, Field(ge=0.001, le=10)] = 0.01

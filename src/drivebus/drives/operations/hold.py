@@ -75,8 +75,8 @@ def check_ramp_hold(drive: DriveContext, seconds: float) -> None:
 def hold_ramp(op: OperationContext, seconds: float) -> DriveOperation[Outcome]:
     """Keep the output frequency where it is for some seconds, then let the motor follow its set frequency again.
 
-    The frequency must be within the limits. A hold whose end the drive does not acknowledge is ended by a stop. Raises
-    before sending: CapabilityError, LimitError, PreflightError, StartInhibited, Expired or the error of the bus.
+    Raises before sending: CapabilityError, LimitError (the time, or the present frequency), PreflightError,
+    StartInhibited, Expired or the error of the bus.
     """
     check_ramp_hold(op.drive, seconds)
     yield from op.start_clock()

@@ -101,10 +101,9 @@ def write_values(
 ) -> DriveOperation[Outcome]:
     """Write parameters one after the other, up to the first that does not succeed.
 
-    ``force``: the user has confirmed a write that may move the motor, make the drive unreachable or end its control.
-    Raises before sending: ProfileError, CapabilityError (no such parameter, read-only, ``save`` needed), LimitError,
-    ConfirmationRequired, EepromBudgetExceeded, Expired, ConfigurationError (store failure). The notes name every
-    parameter.
+    ``save`` and ``force`` are those of ``Drive.write``. Raises before sending: ProfileError, CapabilityError (no such
+    parameter, read-only, ``save`` needed), LimitError, ConfirmationRequired, EepromBudgetExceeded, Expired,
+    ConfigurationError (store failure).
     """
     checked = [check_write(op.dialect, name, value) for name, value in values.items()]
     op.drive.require_capability("write")

@@ -396,7 +396,6 @@ def wait_at_speed(
     """Wait until the drive reports running at ``frequency_hz``. Raises TargetNotReached with what it reports.
 
     Without ``timeout_s`` it waits as long as the speed approaches: a ramp may be unknown, or changed meanwhile.
-    ``on_progress`` is called with every status that was read meanwhile.
     """
     conditions = yield from get_bus_conditions()
     stop_epoch = conditions.stop_epoch

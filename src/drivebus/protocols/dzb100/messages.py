@@ -98,9 +98,9 @@ Dzb100Request = Dzb100Control | Dzb100WriteParameter | Dzb100ReadParameter | Dzb
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dzb100Reply:
-    """Reply of a drive. Byte B is 06 (``accepted``), 07 (not accepted) or, in a C reply, a state digit.
+    """Reply of a drive. Byte B is 06 (``accepted``), 07 (not) or, in a C reply, a state digit (``accepted`` None).
 
-    With a state digit ``accepted`` is None. Byte B never proves whether the motor turns.
+    Byte B never proves whether the motor turns.
     """
 
     head: str

@@ -246,10 +246,8 @@ def normal_reply_length(request: ModbusRequest, count_bytes: int = 1) -> int:
 def reply_length(request: ModbusRequest, head: bytes, *, short: bool, count_bytes: int = 1) -> int:
     """Return the octets of a reply that begins with ``head`` (three or more, four where ``count_bytes`` is 2).
 
-    ``short`` allows DF800's error form.
-
-    The short error of a write begins like its acknowledgement; the encodings tell them apart. Raises ProtocolError
-    for a head that no station's reply can have.
+    ``short`` allows DF800's error form, which for a write begins like its acknowledgement; the encodings tell them
+    apart. Raises ProtocolError for a head that no station's reply can have.
     """
     function, found = request.function, head[1]
     if head[0] != request.address or head[0] == BROADCAST:
