@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from drivebus import profiles, stop_bus
-from drivebus.bus.core import SILENCE_TIMEOUT_S
 from drivebus.bus.messages import BusRequest
+from drivebus.bus.silence_timeout import SILENCE_TIMEOUT_S
 from drivebus.bus.trace import TraceEvent, TraceKind
 from drivebus.errors import NoReply
 from drivebus.profiles.schema import MAX_GAP_S, MAX_WAIT_S

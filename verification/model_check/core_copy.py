@@ -11,11 +11,12 @@ from collections.abc import Callable
 from operator import attrgetter
 from typing import Any
 
-from drivebus.bus.core import BusCore, SilenceTimeout
+from drivebus.bus.core import BusCore
 from drivebus.bus.echo import EchoDetector
 from drivebus.bus.messages import RequestPriority
 from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.bus.scheduler import PollSchedule, Scheduler
+from drivebus.bus.silence_timeout import SilenceTimeout
 from drivebus.bus.station import ProbeBudget, Station
 from drivebus.bus.transaction import Transaction
 from drivebus.bus.unsolicited import MAX_FRAGMENT_PAUSE_S, UnsolicitedBytes

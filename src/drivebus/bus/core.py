@@ -72,6 +72,7 @@ from drivebus.bus.failure_reason import (
 from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, StationConfig
 from drivebus.bus.prepared_request import Poll, PreparedPoll, PreparedRequest
 from drivebus.bus.scheduler import NEVER, Scheduler
+from drivebus.bus.silence_timeout import SILENCE_TIMEOUT_S, SilenceTimeout
 from drivebus.bus.station import Presence, Station, StationHealth, StationState, UnansweredRequest
 from drivebus.bus.statistics import BusStatistics, Counters, RecentActivity, bus_snapshot, merge_counters
 from drivebus.bus.trace import TraceEvent, TraceKind
@@ -99,38 +100,12 @@ from drivebus.serial_settings import ANY_REPLY_LATENESS_S, SerialSettings
 
 HOST_STALL_TOLERANCE_S = 0.2  # bytes read so late, because the host was busy, may have come in time: still decoded
 SYNC_REJECTIONS_REQUIRED = 3  # error replies in a row that count as a sync: no station has so many late replies
-STOP_SILENCE_TIMEOUT_CHARACTERS = 64  # a stop waits no longer for silence on a bus that is never silent
-SILENCE_TIMEOUT_S = 1.0  # any other frame fails when the bus has not been silent for so long
 
 
 class UntrustedReply(NoReply):
     """A reply came that may be our own echo or the reply to an older request. Sending again would not help."""
 
     retryable = False
-
-
-class SilenceTimeout:
-    """Limit of the wait for silence, counted from the moment at which a frame was ready and the bus was not."""
-
-    __slots__ = ("_settings", "_started_at")
-
-    def __init__(self, settings: SerialSettings) -> None:
-        self._settings = settings
-        self._started_at: float | None = None
-
-    def reset(self) -> None:
-        """Stop counting: a frame was sent, or none is waiting."""
-        self._started_at = None
-
-    def expired(self, prepared: PreparedRequest, now: float) -> bool:
-        return now >= self.deadline(prepared, now)
-
-    def deadline(self, prepared: PreparedRequest, now: float) -> float:
-        """Return the time at which this frame stops waiting; the first call starts counting."""
-        if self._started_at is None:
-            self._started_at = now
-        stop_s = prepared.gap_s + self._settings.seconds(STOP_SILENCE_TIMEOUT_CHARACTERS)
-        return self._started_at + (stop_s if prepared.priority is RequestPriority.STOP else SILENCE_TIMEOUT_S)
 
 
 class BusCore:
