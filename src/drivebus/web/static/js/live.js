@@ -80,7 +80,15 @@ function liveUrl() {
 
 function onMessage(event) {
   lastMessageAt = nowMs();
-  const message = JSON.parse(event.data);
+  try {
+    apply(JSON.parse(event.data));
+  } catch (error) {
+    console.error(error);
+    onLost(); // values that a message did not change any more are not live
+  }
+}
+
+function apply(message) {
   if (message.type === "closed") closedText.value = message.text ?? null;
   if (message.type === "delta") applyDelta(message);
   if (message.type !== "snapshot") return;

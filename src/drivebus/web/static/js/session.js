@@ -1,5 +1,5 @@
 // Session and rights of the user. The server checks every right again; here they only shape the page.
-import { computed } from "./lib.js";
+import { computed, signal } from "./lib.js";
 import { api, session } from "./api.js";
 import { nowMs } from "./store.js";
 
@@ -43,9 +43,19 @@ export async function setUp(secret, name, password) {
   await loadSession();
 }
 
+/** Log-out that the server has not confirmed, {session, error}: the session may still be open. */
+export const failedLogout = signal(null);
+
 export async function logout() {
-  await api.post("/logout").catch(() => null);
-  await loadSession();
+  const id = session.peek().session;
+  failedLogout.value = null;
+  try {
+    await api.post("/logout");
+    session.value = { ...session.peek(), user: null, rights: [] };
+  } catch (error) {
+    if (error.status !== 401) failedLogout.value = { session: id, error };
+  }
+  await loadSession().catch(() => null);
 }
 
 /** True while the server has suspended the rights to control after inactivity; the right to stop stays. */

@@ -6,6 +6,7 @@ import { AlarmStrip } from "./alarms/alarm-strip.js";
 import { ControlRequestNotices } from "./control/request-notices.js";
 import { StopBar } from "./control/stop-bar.js";
 import { TakeoverNotices } from "./control/takeover-notices.js";
+import { ErrorBoundary } from "./error-boundary.js";
 import { duration } from "./format.js";
 import { localized, t, titleOf } from "./i18n.js";
 import { Icon } from "./icons.js";
@@ -13,7 +14,7 @@ import { closedText, connection, isLive, lostAt, now, reconnect } from "./live.j
 import { PreferenceButtons } from "./preference-buttons.js";
 import { usePublishedHeight } from "./published-height.js";
 import { href, restoreScroll, route } from "./router.js";
-import { logout, may, session } from "./session.js";
+import { failedLogout, logout, may, session } from "./session.js";
 import { topic } from "./store.js";
 import { Button, Notice } from "./ui.js";
 import { Unlock } from "./unlock.js";
@@ -109,6 +110,14 @@ function FailedLogins() {
     <${Button} onClick=${() => { closedLoginNotice.value = id; }}>${t("page.close")}<//></div>`}</div>`;
 }
 
+/** Notice of a log-out that the server has not confirmed: the next person at this screen could use the session. */
+function LogoutNotice() {
+  const failed = failedLogout.value;
+  return html`<div role="status">${failed?.session === session.value.session && html`<div class="banner bad" data-text="logout-failed"><${Icon} name="warning" />
+    <span>${t("page.logout_failed", { why: failed.error.sentence })}</span>
+    <${Button} onClick=${logout}>${t("page.log_out")}<//></div>`}</div>`;
+}
+
 function PlantNotice() {
   const plant = topic("plant").value;
   if (!plant) return null;
@@ -121,7 +130,8 @@ function PlantNotice() {
 function Notices() {
   const box = useRef(null);
   usePublishedHeight(box, "--notices");
-  return html`<div class="notices" ref=${box}><${ConnectionNotice} /><${NewVersion} /><${ServiceNotice} /><${FailedLogins} /><${Unlock} />
+  return html`<div class="notices" ref=${box}><${ConnectionNotice} /><${NewVersion} /><${ServiceNotice} /><${FailedLogins} />
+    <${LogoutNotice} /><${Unlock} />
     <${TakeoverNotices} /><${ControlRequestNotices} /></div>`;
 }
 
@@ -131,7 +141,9 @@ export function Shell({ children }) {
   useEffect(restoreScroll, [page, id]);
   return html`<a class="skip" href="#main"
     onClick=${(event) => { event.preventDefault(); document.getElementById("main").focus(); }}>${t("page.skip")}</a>
-    <${PageHeader} /><${Notices} /><${AlarmAnnouncement} /><${AlarmStrip} />
-    <main id="main" tabindex="-1" class=${isLive.value ? "" : "stale"}><${PlantNotice} />${children}</main>
+    <${ErrorBoundary}><${PageHeader} /><//><${ErrorBoundary}><${Notices} /><//>
+    <${ErrorBoundary}><${AlarmAnnouncement} /><${AlarmStrip} /><//>
+    <main id="main" tabindex="-1" class=${isLive.value ? "" : "stale"}><${ErrorBoundary}><${PlantNotice} /><//>
+      <${ErrorBoundary} key=${`${page}/${id}`}>${children}<//></main>
       <${StopBar} />`;
 }

@@ -2,6 +2,7 @@
 // of the red button on the machine.
 import { html, signal, useEffect, useRef } from "../lib.js";
 import { t } from "../i18n.js";
+import { ErrorBoundary } from "../error-boundary.js";
 import { clock } from "../format.js";
 import { Icon } from "../icons.js";
 import { isLive } from "../live.js";
@@ -102,6 +103,8 @@ function StopResults() {
   return html`<div class="stop-results">${shown.map((entry) => html`<${StopResult} key=${entry.id} entry=${entry} />`)}</div>`;
 }
 
+const ReleaseOfAll = () => html`<${ReleaseButton} views=${idsOf("drives").value.map((one) => drive(one).value).filter(Boolean)} />`;
+
 export function StopBar() {
   const bar = useRef(null);
   usePublishedHeight(bar, "--bar");
@@ -116,5 +119,5 @@ export function StopBar() {
       ${id && html`<${StopButton} kind="drive" id=${id}>${driveTitle(id)}<//>`}
       ${offered.length > 0 && html`<${GroupStop} groups=${offered} />`}
       <${StopButton} kind="all">${t("page.stop_scope_all_held")}<//>
-    </div>${may("operate") && html`<${ReleaseButton} views=${idsOf("drives").value.map((one) => drive(one).value).filter(Boolean)} />`}<${StopResults} /></footer>`;
+    </div><${ErrorBoundary}>${may("operate") && html`<${ReleaseOfAll} />`}<//><${ErrorBoundary}><${StopResults} /><//></footer>`;
 }

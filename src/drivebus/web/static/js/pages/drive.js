@@ -2,7 +2,8 @@
 import { html } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
-import { Loading, Notice, Tabs, useLoaded } from "../ui.js";
+import { Loading, Notice, useLoaded } from "../ui.js";
+import { Tabs } from "../tabs.js";
 import { href, replaceQuery } from "../router.js";
 import { connection } from "../live.js";
 import { stateOf } from "../readings.js";

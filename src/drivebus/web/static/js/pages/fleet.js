@@ -6,8 +6,9 @@ import { Button, Choice, Field, Loading } from "../ui.js";
 import { connection } from "../live.js";
 import { go } from "../router.js";
 import { idsOf } from "../store.js";
-import { groupTitle } from "../titles.js";
+import { driveTitle, groupTitle } from "../titles.js";
 import { GroupPanel } from "../fleet/group-panel.js";
+import { ErrorBoundary } from "../error-boundary.js";
 import { Tile } from "../fleet/tile.js";
 import {
   GROUPINGS, KINDS, SIZES, SORTS, arrangement, groupBy, counts, savePreferences, kind, search, sectionTitle, size, sort,
@@ -94,7 +95,8 @@ function tileInNextRow(tiles, at, key) {
 function Section({ name, ids }) {
   const title = name === "rest" ? t("page.no_group") : sectionTitle(name);
   return html`<section class="fleetsection">${name && html`<h2>${title} <small>${ids.length}</small></h2>`}
-    <div class=${`tiles ${size.value}`}>${ids.map((id) => html`<${Tile} key=${id} id=${id} />`)}</div></section>`;
+    <div class=${`tiles ${size.value}`}>${ids.map((id) => html`<${ErrorBoundary} key=${id} title=${driveTitle(id)}>
+      <${Tile} id=${id} /><//>`)}</div></section>`;
 }
 
 const clear = () => { search.value = ""; kind.value = "all"; go("fleet"); };
