@@ -210,6 +210,12 @@ def test_a_chart_of_many_signals_begins_with_those_of_two_units(scripts: Any) ->
     assert [one["tag"] for one in found] == ["d.hz", "d.a", "d.set"]
 
 
+def test_a_chart_of_nothing_but_words_shows_them(scripts: Any) -> None:
+    """Regression: the chart of a DF800, whose manual gives its values no unit, was empty without a word."""
+    words = [line for line in LINES if not line["unit"]]
+    assert words and module(scripts, "lines", f"m.firstLines({json.dumps(words)})") == words
+
+
 def test_a_fault_word_has_steps_and_values_but_no_mean(scripts: Any) -> None:
     """Regression: a fault word of 64 that had been 0 was shown as 32, a bit that no drive had set."""
     found = module(scripts, "columns", f"m.split({json.dumps(FAULT_WORD)}, {{isWord: true}})")

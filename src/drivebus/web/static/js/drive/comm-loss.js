@@ -40,9 +40,9 @@ export function CommLoss({ view }) {
   return html`<div class="stack"><div><${CommLossBadge} badge=${badge} /></div><p class="soft">
     ${localized(badge.text)}</p><${CommLossTest} view=${view} />
     ${badge.waiver && html`<${Notice} title=${t("page.waiver")}>${badge.waiver}
-      ${may("limit") && html` <${Button} kind="quiet" busy=${busy}
+      ${may("limit") && html`<div><${Button} kind="quiet" busy=${busy}
         onClick=${() => execute(() => api.remove(drivePath(view.id, "/waiver")))}>
-        ${t("page.waiver_withdraw")}<//>`}<//>`}
+        ${t("page.waiver_withdraw")}<//></div>`}<//>`}
     ${needs && !badge.waiver && may("limit") && html`<div><${Button} disabled=${!isLive.value}
       onClick=${() => setAsking(true)} data-do="waive">${t("page.waiver_record")}…<//></div>`}
     <${ErrorNote} error=${error} />${asking && html`<${WaiverForm} view=${view} onClose=${() => setAsking(false)} />`}

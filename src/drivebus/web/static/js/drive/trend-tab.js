@@ -39,5 +39,6 @@ export function TrendTab({ view }) {
   const lines = tags.map((one, hue) => ({
     tag: one.tag, drive: view.id, label: signalName(one.signal), unit: one.unit, hue: hue % HUES,
   })).filter((line) => chosen.includes(line.tag));
-  return html`<${Pick} tags=${tags} chosen=${chosen} onChange=${setPicked} /><${part.Trend} lines=${lines} />`;
+  return html`<${Pick} tags=${tags} chosen=${chosen} onChange=${setPicked} />
+    ${lines.length === 0 ? html`<${Notice}>${t("page.pick_signals")}<//>` : html`<${part.Trend} lines=${lines} />`}`;
 }

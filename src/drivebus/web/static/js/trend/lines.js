@@ -23,10 +23,10 @@ export function shownUnits(lines, hidden, recent) {
 /** Units that have an axis. */
 export const axisUnits = (lines, hidden, recent) => shownUnits(lines, hidden, recent).slice(0, MAX_AXES);
 
-/** Lines that a chart of many signals shows at first: those of its first units that are no words. */
+/** Lines that a chart of many signals shows at first: those of its first units that are no words, all where every one is. */
 export function firstLines(lines) {
   const units = unitsOf(lines).slice(0, MAX_AXES);
-  return lines.filter((line) => units.includes(line.unit));
+  return units.length === 0 ? lines : lines.filter((line) => units.includes(line.unit));
 }
 
 /** Whether all known values of a series are whole numbers, as those of a word are. */

@@ -38,7 +38,8 @@ function WindowSummary({ trend, source }) {
   source.series.value; // with the live samples, which are no signal, in `seriesWithLive`
   const isEmpty = source.fetchedWindow !== null && Object.values(source.seriesWithLive()).every((one) => summary(one, window) === null);
   const points = isEmpty ? "page.trend_empty" : source.resolution.value && `page.points_${source.resolution.value}`;
-  return html`<span class="trend-window">${moment(from)} – ${moment(to)} · ${spanText(to - from)}</span>
+  return html`<span class="trend-window">${moment(from)} – ${moment(to)} ·${" "}
+    <span class="span">${spanText(to - from)}</span></span>
     ${points && html` <span>${t(points)}</span>`}
     ${" "}<span class="trend-state" role="status">${source.state.value === "loading" && source.fetchedWindow === null
       ? t("page.loading") : ""}${source.error.value ? t("page.trend_failed",
