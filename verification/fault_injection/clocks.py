@@ -316,8 +316,8 @@ class HostSleepScenario:
         frame_rules: Any = self.scenario.oracle.frame_rules
         self._check_request, frame_rules.on_request = frame_rules.on_request, self._on_frame
 
-    def _on_frame(self, frame: ClassifiedFrame, *more: Any) -> None:
-        self._check_request(frame, *more)
+    def _on_frame(self, frame: ClassifiedFrame, last_received_at: float, *, answered: bool) -> None:
+        self._check_request(frame, last_received_at, answered=answered)
         self.frames.append(frame)
         command = frame.user_command
         if (
