@@ -60,8 +60,9 @@ def run_calibrate(
     *options: str,
     before: Callable[[], None] | None = None,
     simulated: str | None = None,
+    given: tuple[tuple[str, str], ...] = (),
 ) -> ExitCode:
-    """Calibrate a drive as a ``model``; ``simulated`` is the model that it really is."""
+    """Calibrate a drive as a ``model``; ``simulated`` is the model that it really is, ``given`` are its --option."""
 
     @contextmanager
     def reading() -> Iterator[FakeKeys]:
@@ -72,7 +73,7 @@ def run_calibrate(
     monkeypatch.setattr("drivebus.cli.keyboard.raw_keyboard", reading)
     clear_simulated_buses()
     port = f"sim://{simulated or model}@1?" + "&".join(("name=calibrate", "ramp=1", *options))
-    return virtual_time.run(calibrate._calibrate(Target(port=port, model=model, address=1)))
+    return virtual_time.run(calibrate._calibrate(Target(port=port, model=model, address=1, option=given)))
 
 
 def turn_keypad() -> str:
@@ -94,6 +95,21 @@ def test_a_dzb100_is_calibrated_step_by_step_and_the_results_are_stored(
     unused = FakeKeys()
     assert run_calibrate(monkeypatch, "dzb100", unused, *options) is ExitCode.DONE
     assert "Nothing is left to calibrate" in capsys.readouterr().out and not unused.starts_at_questions
+
+
+def test_a_misread_calibration_is_named_with_the_way_to_repeat_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Regression: a second calibration only said that nothing is left, after a keypad that was misread too."""
+    options = ("setpoint_coding=hex-0.1", "query_coding=hex-0.1")
+    run_calibrate(monkeypatch, "dzb100", FakeKeys(turn_keypad, "y"), *options)
+    run_calibrate(monkeypatch, "dzb100", FakeKeys(), *options)
+    text = capsys.readouterr().out
+    assert "setpoint_coding is hex-0.1" in text
+    name, _, value = text.rpartition("--option ")[2].strip().partition("=")
+    again = FakeKeys("y")
+    assert run_calibrate(monkeypatch, "dzb100", again, *options, given=((name, value),)) is ExitCode.DONE
+    assert not again.keys and f"Determined: {name} = hex-0.1" in capsys.readouterr().out
 
 
 def test_a_calibration_whose_output_is_lost_is_done_and_stored(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import logging.handlers
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
@@ -14,7 +15,7 @@ from drivebus.cli import output
 from drivebus.cli.demo import host
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
-from drivebus.cli.tui import view
+from drivebus.cli.tui import plain, view
 from drivebus.service.process.logging_setup import log_event
 
 
@@ -71,10 +72,10 @@ def test_a_terminal_without_a_cursor_gets_plain_lines(monkeypatch: pytest.Monkey
     if terminal is not None:
         monkeypatch.setenv("TERM", terminal)
 
-    async def plain(*_: object) -> ExitCode:
+    async def print_plain(*_: object) -> ExitCode:
         return ExitCode.FAILED
 
-    monkeypatch.setattr(view, "_run_plain", plain)
+    monkeypatch.setattr(view, "_run_plain", print_plain)
     assert view.run_view(None, None, plain=False, period_s=1.0) is ExitCode.FAILED  # type: ignore[arg-type]
 
 
@@ -83,6 +84,20 @@ def test_a_dry_run_fits_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -> No
     words = ("run", "sim://c320@1", "--model", "c320", "--address", "1", "--frequency", "10", "--dry-run")
     lines = command(*words).stdout.splitlines()
     assert sum(line.startswith("  [2A ") for line in lines) == 3 == sum(line.endswith(" ms]") for line in lines)
+
+
+def test_the_notes_of_a_plain_view_fit_a_narrow_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Source:
+        @staticmethod
+        def messages() -> list[str]:
+            return ["Only reads are sent."]
+
+    monkeypatch.setattr(output, "wrap_for", lambda text, _: f"[{text}]")
+    source: Any = Source()
+    assert plain._print_new_messages(source, 0) == 1
+    assert capsys.readouterr().out == "[Only reads are sent.]\n"
 
 
 def test_the_log_of_the_demo_is_in_the_language_of_the_command_and_leaves_no_drive_running(

@@ -59,6 +59,7 @@ async def _calibrate(target: Target) -> ExitCode:
             if not steps:
                 output.print_json({"event": "nothing", "options": drive.dialect.options}, stream=True)
                 output.print_message("calibrate.nothing", model=drive.profile.model)
+                _print_determined(drive)
             with raw_keyboard() as keys:
                 session = CalibrationSession(bus, drive, keys, shutdown)
                 for step in steps:
@@ -66,6 +67,15 @@ async def _calibrate(target: Target) -> ExitCode:
                     if code is not ExitCode.DONE:
                         return code
     return ExitCode.DONE
+
+
+def _print_determined(drive: Drive) -> None:
+    """Print what was determined before, and how to determine it again: a keypad may have been misread."""
+    from drivebus.drives.operations.calibration import calibration_steps
+
+    for step in calibration_steps(drive.dialect):
+        value, undetermined = (str(one).lower() for one in (drive.dialect.options[step.option], step.undetermined))
+        output.print_message("calibrate.known", option=step.option, value=value, undetermined=undetermined)
 
 
 async def _run_step(session: CalibrationSession, step: CalibrationStep) -> ExitCode:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import click
 
 from drivebus.cli import output
@@ -18,7 +20,7 @@ async def print_rows(source: RowSource, shutdown: ShutdownSignal, period_s: floa
     await source.start()
     try:
         printed, next_at = 0, 0.0
-        output.print_text(source.title)
+        output.print_text(output.wrap_for(source.title, sys.stdout))
         while True:
             printed = _print_new_messages(source, printed)
             if source.now() >= next_at:
@@ -37,7 +39,7 @@ def _print_new_messages(source: RowSource, printed: int) -> int:
     messages = list(source.messages())
     for text in messages[printed:]:
         output.print_json({"event": text}, stream=True)
-        output.print_text(text)
+        output.print_text(output.wrap_for(text, sys.stdout))
     return len(messages)
 
 
