@@ -51,6 +51,23 @@ def test_a_missing_option_is_explained_as_in_the_help() -> None:
     assert result.exit_code == 2 and i18n.text("help.option.role", "en") in result.stderr
 
 
+@pytest.mark.parametrize(
+    ("typed", "meant"), [("start", "run"), ("estop", "stop"), ("version", "--version"), ("list", "models, ports")]
+)
+def test_the_word_of_another_program_leads_to_the_command(typed: str, meant: str) -> None:
+    """Regression: ``start`` was answered with ``status``."""
+    assert f"Did you mean {meant}?" in command(typed).stderr
+    assert f"Did you mean {meant}?" not in command("user", typed).stderr
+
+
+def test_a_missing_password_is_answered_with_where_it_is_read(tmp_path: Path) -> None:
+    """Regression: the answer was the length of a password, which nobody had asked for."""
+    plant = tmp_path / "plant.toml"
+    plant.write_text('format = 1\n[plant]\nid = "p"\ndirectory = "state"\n', encoding="utf-8")
+    result = command("user", "add", str(plant), "ann", "--role", "viewer")
+    assert (result.exit_code, i18n.text("user_command.no_password", "en") in result.stderr) == (2, True)
+
+
 def test_a_search_without_a_model_leads_on_and_explains_no_grades() -> None:
     result = command("models", "--search", "no such make")
     shown = " ".join(result.stdout.split())

@@ -164,6 +164,21 @@ class CliCommand(_LocalizedHelp, click.Command):
         formatter.write(self._help_page(self, ctx, body))
 
 
+_SYNONYMS = {
+    "emergency-stop": ("stop",),
+    "estop": ("stop",),
+    "find": ("scan",),
+    "frequency": ("set-frequency",),
+    "halt": ("stop",),
+    "list": ("models", "ports"),
+    "search": ("scan", "models"),
+    "speed": ("set-frequency",),
+    "start": ("run",),
+    "version": ("--version",),
+}
+"""Words for a command that other programs use, with what is meant here."""
+
+
 class LazyGroup(_LocalizedHelp, click.Group):
     """A group that imports a command when it is called: ``sections`` maps a heading to {command: "module:name"}."""
 
@@ -198,7 +213,9 @@ class LazyGroup(_LocalizedHelp, click.Group):
 
             names, typed = self.list_commands(ctx), error.command_name
             begun = [name for name in names if typed and name.startswith(typed)]
-            error.possibilities = begun or get_close_matches(typed, names)  # type: ignore[attr-defined]
+            known = {*names, *(option for param in self.params for option in param.opts)}
+            meant = [name for name in _SYNONYMS.get(typed, ()) if name in known]
+            error.possibilities = meant or begun or get_close_matches(typed, names)  # type: ignore[attr-defined]
             raise
 
     def get_help_option(self, ctx: click.Context) -> click.Option | None:

@@ -137,11 +137,15 @@ def _change_user(plant: str, operation: str, name: str, params: dict[str, Any], 
 
 def _hash(name: str) -> str:
     """Hash a password: entered twice on a terminal, else the first line of standard input."""
+    from drivebus.errors import ConfigurationError
+
     require_extra("server")
     from drivebus.service.auth.password_policy import check_password_policy
     from drivebus.service.auth.passwords import PasswordHashing
 
     password = _prompt_password() if sys.stdin.isatty() else sys.stdin.readline().rstrip("\r\n")
+    if not password:
+        raise ConfigurationError("user_command.no_password")
     return asyncio.run(PasswordHashing().hash(check_password_policy(password, name)))
 
 
