@@ -205,3 +205,27 @@ def test_a_new_setpoint_does_not_trip_an_interlock_that_requires_running() -> No
                 assert kit.station("pump-1").running
 
     run(scenario())
+
+
+def test_a_drive_at_rest_whose_status_fails_does_not_keep_an_interlock_from_stopping_the_next(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail() -> None:
+        raise ValueError("broken")
+
+    async def scenario() -> None:
+        air = replace(AIR, drives=("pump-1", "pump-2"))
+        async with running_service(plant_config(interlocks=(air,))) as kit:
+            await asyncio.sleep(15)
+            await kit.grant_waivers()
+            for drive in ("fan-1", "pump-2"):
+                await kit.call("drive.run", drive=drive, frequency_hz=20.0)
+                await asyncio.sleep(6)
+            with monkeypatch.context() as context:
+                context.setattr(logging.getLogger("drivebus.service"), "exception", lambda *_: None)
+                context.setattr(kit.service.plant.drives["pump-1"], "status", fail)
+                kit.station("fan-1").motor.stop()
+                await asyncio.sleep(8)
+                assert kit.station("pump-2").motor.phase is OutputPhase.OFF
+
+    run(scenario())

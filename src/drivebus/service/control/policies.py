@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+import logging
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from math import inf
 from typing import Any
 
+from drivebus import i18n
 from drivebus.drives.state import DriveState, DriveStatus
 from drivebus.errors import DrivebusError
 from drivebus.profiles.diagnostics import bilingual_text
@@ -21,6 +24,7 @@ from drivebus.service.runtime.plant import Plant
 from drivebus.values import Text
 
 STANDSTILL_CONFIRM_S = 3.0  # after a start command; a drive that still reports standstill then has not started
+LOG = logging.getLogger("drivebus.service")
 OperationCall = Callable[[str, dict[str, Any], Actor], Awaitable[dict[str, Any]]]
 
 
@@ -47,7 +51,8 @@ class StopPolicies:
         for lease in leases:
             runtime = self.plant.drives.get(lease.drive)
             if runtime is not None:
-                self._on_lease_ended(runtime, lease, key, params)
+                with _failure_logged():
+                    self._on_lease_ended(runtime, lease, key, params)
 
     def _on_lease_ended(self, runtime: DriveRuntime, lease: ControlLease, key: str, params: Mapping[str, Any]) -> None:
         owner = lease.actor.name
@@ -108,12 +113,17 @@ class StopPolicies:
                 self.plant.clear_alarm(SystemAlarm.INTERLOCK_TRIP, drive, subject=id)
                 self._announced_trips.get(drive, set()).discard(id)
         for runtime in self.plant.drives.values():
-            tripped = engine.tripped_stops(runtime.id)
-            if not tripped or not may_be_running(runtime):
-                self._announced_trips.pop(runtime.id, None)
-            elif not runtime.drive.stopping and runtime.id not in self._stopping:
-                self._announce_trips(runtime, {interlock.id: title_of(interlock) for interlock in tripped})
-                self._start_stop(runtime)
+            with _failure_logged():
+                self._stop_tripped(runtime)
+
+    def _stop_tripped(self, runtime: DriveRuntime) -> None:
+        """Stop a running drive with a tripped interlock; one whose status can't be made where it turned last."""
+        tripped = self.plant.interlocks.tripped_stops(runtime.id)
+        if not tripped or not _may_be_running_by_last_status(runtime):
+            self._announced_trips.pop(runtime.id, None)
+        elif not runtime.drive.stopping and runtime.id not in self._stopping:
+            self._start_stop(runtime)
+            self._announce_trips(runtime, {interlock.id: title_of(interlock) for interlock in tripped})
 
     def _announce_trips(self, runtime: DriveRuntime, interlocks: Mapping[str, Text]) -> None:
         """Raise the alarm of each tripped interlock, and publish the stop request, unless that is done already.
@@ -158,6 +168,24 @@ class StopPolicies:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+
+
+@contextmanager
+def _failure_logged() -> Iterator[None]:
+    """Log an unexpected error of one drive, so that the others still get their stops."""
+    try:
+        yield
+    except Exception:
+        LOG.exception(i18n.preferred_text("log.supervision_failed"))
+
+
+def _may_be_running_by_last_status(runtime: DriveRuntime) -> bool:
+    """Return whether a drive may be running, by its last known state where its status can't be made."""
+    try:
+        return may_be_running(runtime)
+    except Exception:
+        LOG.exception(i18n.preferred_text("log.supervision_failed"))
+        return runtime.last_known_turning
 
 
 def _state_lost(runtime: DriveRuntime) -> bool:

@@ -91,8 +91,9 @@ class DriveRuntime:
     @property
     def runs_for_service(self) -> bool:
         """Started or adopted by this service, and not reported at standstill since; or found running just now."""
-        found_running = not self.state_was_known and self.status().state.turning
-        return self.started_by_service or self.adopted or found_running
+        if self.started_by_service or self.adopted:  # also while its status can't be made
+            return True
+        return not self.state_was_known and self.status().state.turning
 
     @property
     def is_online(self) -> bool:
