@@ -7,7 +7,7 @@ from typing import Any
 from drivebus import i18n
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.config.model import InterlockAction, InterlockConfig
-from drivebus.service.interlocks.engine import STARTUP_GRACE_S, InterlockEngine
+from drivebus.service.interlocks.engine import FIRST_POLL_GRACE_S, InterlockEngine
 from drivebus.service.live.views import DriveView, SignalView
 from drivebus.values import Quality, Text
 from fixtures.alarms import view as drive_view
@@ -114,8 +114,8 @@ def test_a_restart_trips_no_interlock_before_its_values_were_read() -> None:
     engine = interlocks()
     assert engine.evaluate(views("unknown"), 100.0) == []
     assert (blocking(engine, "fan"), engine.tripped_stops("fan")) == (["flow"], [])
-    assert engine.evaluate(views("unknown"), 100.0 + STARTUP_GRACE_S - 0.01) == []
-    assert engine.evaluate(views("unknown"), 100.0 + STARTUP_GRACE_S) == [("flow", False)]
+    assert engine.evaluate(views("unknown"), 100.0 + FIRST_POLL_GRACE_S - 0.01) == []
+    assert engine.evaluate(views("unknown"), 100.0 + FIRST_POLL_GRACE_S) == [("flow", False)]
     assert ids(engine.tripped_stops("fan")) == ["flow"]
 
 
@@ -175,3 +175,30 @@ def test_an_interlock_that_reads_a_replaced_drive_blocks_starts_until_it_is_eval
     engine.replace([flow], ["pump"])
     assert engine.evaluate(views(), 2.0) == [("flow", True)], "its alarm is cleared"
     assert blocking(engine, "fan") == []
+
+
+def test_a_new_interlock_of_a_drive_that_is_not_polled_yet_waits_for_its_first_poll() -> None:
+    engine = interlocks()
+    engine.evaluate(views(), 0.0)
+    flow = InterlockConfig(id="new", drives=("fan",), require="pump.state == running")
+    engine.replace([flow], ["pump"])
+    assert blocking(engine, "fan") == ["new"]
+    assert engine.evaluate(views("unknown"), 100.0) == []
+    assert blocking(engine, "fan") == ["new"], "what is not known permits no start"
+    assert engine.evaluate(views("unknown"), 100.0 + FIRST_POLL_GRACE_S - 0.01) == []
+    assert engine.evaluate(views("unknown"), 100.0 + FIRST_POLL_GRACE_S) == [("new", False)], "no poll came"
+
+
+def test_restarted_polls_do_not_trip_an_interlock_that_held_but_a_first_value_can() -> None:
+    engine = interlocks()
+    engine.evaluate(views(), 0.0)
+    engine.replace([InterlockConfig(id="flow", drives=("fan",), require="pump.state == running")], ["pump"])
+    assert engine.evaluate(views("unknown"), 50.0) == []
+    assert engine.evaluate(views("stopped"), 50.5) == [("flow", False)]
+
+
+def test_a_reload_gives_no_time_to_a_new_interlock_whose_drive_was_polled_and_is_lost() -> None:
+    engine = interlocks()
+    engine.evaluate(views(), 0.0)
+    engine.replace([InterlockConfig(id="new", drives=("fan",), require="pump.state == running")], ["fan"])
+    assert engine.evaluate(views("unknown"), 50.0) == [("new", False)]

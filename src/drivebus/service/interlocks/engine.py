@@ -1,9 +1,10 @@
 """Interlock engine: whether each interlock holds, since when not, and what it blocks. Pure; ``now`` is an argument.
 
 An interlock that does not hold blocks every start of its drives at once. One whose action is ``stop`` trips when it has
-not held for ``delay_s``, and is reset as soon as it holds; no drive is started by that. After the start of the service
-an interlock whose values were never known trips only after ``STARTUP_GRACE_S``, so that a restart stops no drive merely
-because it was not polled yet; one that is known not to hold trips at once.
+not held for ``delay_s``, and is reset as soon as it holds; no drive is started by that. After the start of the service,
+and after a reload where it reads a drive whose polls have begun anew, an interlock whose values are not known yet trips
+only after ``FIRST_POLL_GRACE_S``, so that no drive is stopped merely because it was not polled yet; one that is known
+not to hold trips at once.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from drivebus.service.interlocks.expression import (
 from drivebus.service.live.views import DriveView
 from drivebus.values import Quality, Text
 
-STARTUP_GRACE_S = 10.0
+FIRST_POLL_GRACE_S = 10.0
 """Time in which a slow bus polls every drive once."""
 
 
@@ -56,10 +57,10 @@ class _InterlockState:
     config: InterlockConfig
     expression: Expression
     was_known: bool = False
-    """Whether its result was ever known."""
+    """Whether its result was known since the start, and since the polls of a drive that it reads have begun anew."""
     violation: Violation | None = None
     evaluated: bool = False
-    """Whether it was evaluated since the start, and since a drive that it reads was replaced; else it blocks starts."""
+    """Whether it was evaluated since the start, and since those polls have begun anew; else it blocks starts."""
 
 
 class InterlockEngine:
@@ -68,27 +69,25 @@ class InterlockEngine:
     def __init__(self, settings: Iterable[InterlockConfig]) -> None:
         """Parse the expressions. Raises ConfigurationError for an invalid one."""
         self._states = {setting.id: _InterlockState(setting, parse(setting.require)) for setting in settings}
-        self._first_evaluation_at: float | None = None
 
-    def replace(self, settings: Iterable[InterlockConfig], replaced_drives: Collection[str] = ()) -> None:
+    def replace(self, settings: Iterable[InterlockConfig], unread_drives: Collection[str] = ()) -> None:
         """Apply a configuration; unchanged interlocks keep their state. Raises as the constructor does.
 
-        One that reads a replaced drive blocks starts until it is evaluated again: the values were of another motor.
+        One that reads a drive of ``unread_drives``, whose polls begin anew, blocks starts until it is evaluated again,
+        because the values may be of another motor. For any other, an unknown value is a lost one.
         """
-        new = {setting.id: _InterlockState(setting, parse(setting.require)) for setting in settings}
+        new = {setting.id: _InterlockState(setting, parse(setting.require), was_known=True) for setting in settings}
         same = {id: old for id, old in self._states.items() if id in new and old.config == new[id].config}
         self._states = new | same
         for state in self._states.values():
-            if any(one.drive in replaced_drives for one in references(state.expression)):
-                state.evaluated = False
+            if any(one.drive in unread_drives for one in references(state.expression)):
+                state.evaluated = state.was_known = False
 
     def evaluate(self, views: Mapping[str, DriveView], now: float) -> list[tuple[str, bool]]:
         """Evaluate every interlock at ``now``, in monotonic seconds, and return the edges.
 
         An edge is an id with False (it tripped now) or True (it holds again after a trip).
         """
-        if self._first_evaluation_at is None:
-            self._first_evaluation_at = now
         edges = [(id, self._evaluate(state, views, now)) for id, state in self._states.items()]
         return [(id, edge) for id, edge in edges if edge is not None]
 
@@ -108,8 +107,7 @@ class InterlockEngine:
         return False if tripped and not was_tripped else None
 
     def _should_trip(self, state: _InterlockState, since_s: float, now: float) -> bool:
-        assert self._first_evaluation_at is not None
-        if not state.was_known and now - self._first_evaluation_at < STARTUP_GRACE_S:
+        if not state.was_known and now - since_s < FIRST_POLL_GRACE_S:
             return False
         return now - since_s >= state.config.delay_s
 

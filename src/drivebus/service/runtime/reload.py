@@ -131,7 +131,7 @@ class ConfigReload:
         self._update_drives(change)
         plant.buses = {bus.id: plant.buses[bus.id] for bus in new.buses}
         plant.drives = {drive.id: plant.drives[drive.id] for drive in new.drives}
-        plant.interlocks.replace(new.interlocks, _leaving_drives(change))
+        plant.interlocks.replace(new.interlocks, _unread_drives(change))
         plant.publish_alarms(
             plant.alarms.configure(new.alarms, new.drives, plant.wall_ms(), replaced_drives=_leaving_drives(change))
         )
@@ -232,6 +232,12 @@ def _leaving_drives(change: ConfigDiff) -> list[str]:
     """Return the drives that leave their bus, for good or to be added again."""
     recreated = [id for id, action in change.actions.items() if action is ReloadAction.RECREATE]
     return [*change.drives.removed, *recreated]
+
+
+def _unread_drives(change: ConfigDiff) -> list[str]:
+    """Return the drives of which no value is known before the next poll, because this reload starts their polls."""
+    repolled = [id for id, action in change.actions.items() if action is ReloadAction.REPOLL]
+    return [*_leaving_drives(change), *change.drives.added, *repolled]
 
 
 def _subject_is_gone(alarm: Alarm, change: ConfigDiff) -> bool:
