@@ -197,3 +197,12 @@ def test_the_reason_of_a_denied_request_reads_as_words_without_the_values_that_a
 
 def test_an_event_without_an_outcome_has_no_outcome_text() -> None:
     assert described(record("audit.opened", outcome=None))["outcome_text"] is None
+
+
+@pytest.mark.parametrize(
+    ("alarms", "action"), [(["a1"], "Acknowledge alarm Fault"), (["a1", "a2"], "Acknowledge alarms Fault")]
+)
+def test_one_alarm_that_is_acknowledged_in_the_list_is_recorded_as_one(alarms: list[str], action: str) -> None:
+    params = {"alarms": alarms, "alarm_title": {"en": "Fault", "zh": "故障"}}
+    item = {"what": "alarms.acknowledge", "target": "", "who": {"name": "ann"}, "params": params, "outcome": "done"}
+    assert described(item)["text"]["en"] == action

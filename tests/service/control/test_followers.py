@@ -11,6 +11,7 @@ from drivebus.errors import ControlNotHeld, Interlocked, StartInhibited, Superse
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import GroupConfig
+from drivebus.simulator.motor import Trip
 from drivebus.testing.virtual_time import run
 from drivebus.values import Text
 from fixtures.service import Json, ServiceKit, plant_config, remote_actor, running_service
@@ -286,5 +287,23 @@ def test_a_leader_is_neither_paused_nor_held_while_a_follower_runs(operation: st
             assert found["outcome"]["status"] in ("confirmed", "acknowledged")
             how = Text.from_mapping(found["outcome"]["text"])
             assert kit.drives_of_events(event, **more, how=how) == ["pump-2"]
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("leader", ["fan-1", None])
+def test_a_group_with_a_tripped_drive_is_neither_armed_nor_started_and_the_drive_is_named(leader: str | None) -> None:
+    async def scenario() -> None:
+        group = replace(GROUP, leader=leader, ratios={})
+        async with running_service(plant_config(groups=(group,))) as kit:
+            await asyncio.sleep(2)
+            await kit.grant_waivers()
+            kit.station("fan-2").trip(Trip.UNDERVOLTAGE)
+            await asyncio.sleep(2)
+            for operation, more in (("group.arm", {}), ("group.start", {"frequency_hz": 20.0})):
+                with pytest.raises(StartInhibited) as refused:
+                    await kit.call(operation, group="fans", **more)
+                assert (refused.value.key, refused.value.params["drive"]) == ("plant.member_fault", "fan-2")
+            assert kit.station("fan-1").motor.starts == 0
 
     run(scenario())

@@ -11,7 +11,7 @@ import pytest
 from drivebus.drives.operations import context
 from drivebus.drives.outcome import Outcome
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind
-from drivebus.errors import Expired
+from drivebus.errors import Expired, OutcomeUnknown
 from drivebus.service.config.model import GroupConfig
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.testing.virtual_time import run
@@ -153,3 +153,25 @@ def test_a_group_start_after_a_stop_has_its_own_deadline(monkeypatch: pytest.Mon
 def test_the_documented_time_limits_of_commands() -> None:
     assert COMMAND_TTL_S[CommandKind.START] == COMMAND_TTL_S[CommandKind.JOG] == 2.0
     assert context.CHECKS_TIMEOUT_S == COMMAND_TTL_S[CommandKind.SETPOINT] == 5.0
+
+
+@pytest.mark.parametrize("may_be_running", [None, False])
+def test_a_start_without_reply_becomes_an_event_and_one_that_was_not_sent_does_not(
+    may_be_running: bool | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def fail(*_: Any, **__: Any) -> Outcome:
+        error = OutcomeUnknown("plant.internal")
+        error.may_be_running = may_be_running
+        raise error
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(2)
+            await kit.grant_waivers()
+            monkeypatch.setattr(kit.service.plant.drives["fan-1"].drive, "run", fail)
+            with pytest.raises(OutcomeUnknown):
+                await kit.call("drive.run", drive="fan-1", frequency_hz=20.0)
+            found = [event["outcome"] for event in kit.history.events if event["kind"] == "command"]
+            assert found == ([] if may_be_running is False else ["unknown"])
+
+    run(scenario())

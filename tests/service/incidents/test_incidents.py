@@ -322,3 +322,29 @@ def test_an_incident_is_json_throughout(tmp_path: Path) -> None:
         return str(await save_incident(IncidentRecorder(IncidentStore(tmp_path))))
 
     assert json.loads(json.dumps(IncidentStore(tmp_path).get(run(go()))))["view"]["title"]["zh"] == "风机"
+
+
+def test_an_incident_is_shown_without_its_capture_file_and_with_the_damage_in_one(tmp_path: Path) -> None:
+    store = IncidentStore(tmp_path)
+    id = str(run(save_incident(IncidentRecorder(store))))
+    path = tmp_path / id / "frames.dbcap"
+    path.write_bytes(path.read_bytes() + b"\xff\n")
+    incident = store.get(id)
+    assert incident["capture"]["text"].endswith("\\xff\n") and len(incident["frames"]) == 2
+    path.unlink()
+    incident = store.get(id)
+    assert incident["capture"] is None and len(incident["frames"]) == 2
+
+
+def test_an_unexpected_error_while_an_incident_is_recorded_is_kept_for_its_alarm(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = IncidentStore(tmp_path)
+    recorder = IncidentRecorder(store)
+
+    def fail(*_: Any) -> str:
+        raise ValueError("surrogate")
+
+    monkeypatch.setattr(store, "write", fail)
+    assert run(save_incident(recorder)) is None
+    assert isinstance(recorder.error, ValueError) and "surrogate" in caplog.text

@@ -27,7 +27,7 @@ from drivebus.service.auth.rights import Role
 from drivebus.service.ipc import client as client_module
 from drivebus.service.ipc.client import MAX_UNREAD_LIVE_BYTES, SocketClient
 from drivebus.service.ipc.protocol import STOP_RECEIVED
-from drivebus.service.ipc.server import MAX_CONCURRENT_REQUESTS, SocketServer, StopServer
+from drivebus.service.ipc.server import MAX_CONCURRENT_REQUESTS, SocketServer, StopServer, _ClientConnection
 from drivebus.types import Json
 from fixtures.service import LOCAL, remote_actor, running_service
 
@@ -364,5 +364,27 @@ def test_a_request_to_a_service_that_hangs_ends_and_a_long_one_does_not(
             assert caught.value.key == "plant.hangs"
         await client.close()
         hanging.close()
+
+    real(scenario())
+
+
+def test_the_end_of_a_session_does_not_disconnect_from_a_service_that_does_not_know_the_message(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    present = _ClientConnection._dispatch
+
+    def dispatch_of_before(self: Any, message: Json, actor: Actor) -> Any:
+        return present(self, {name: value for name, value in message.items() if name != "end_control"}, actor)
+
+    async def scenario() -> None:
+        monkeypatch.setattr(_ClientConnection, "_dispatch", dispatch_of_before)
+        async with running_service() as kit:
+            server, client = SocketServer(kit.service, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
+            await server.open()
+            with pytest.raises(NotFound):
+                await client.end_control("logout", remote_actor())
+            assert client._writer is not None
+            await client.close()
+            await server.close()
 
     real(scenario())

@@ -66,7 +66,10 @@ def _key(prefix: str, what: str) -> str:
 def _action(item: Json, titles: Titles) -> Text:
     params = item["params"] if isinstance(item.get("params"), dict) else {}
     details = Text.join([*_details(params)], "phrases")
-    done = _done_to(item["what"], _subject(item, params, titles))
+    what, alarms = str(item["what"]), params.get("alarms")
+    if what.startswith("alarms.") and isinstance(alarms, list) and len(alarms) == 1:
+        what = what.replace("alarms.", "alarm.", 1)
+    done = _done_to(what, _subject(item, params, titles))
     return bilingual_text("audit.details", done=done, details=details) if details.en else done
 
 

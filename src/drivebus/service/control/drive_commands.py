@@ -11,7 +11,7 @@ from typing import Any
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.operations.parameter_write import check_write, may_move
 from drivebus.drives.operations.parameters import written_texts
-from drivebus.drives.outcome import Outcome, raise_for_status
+from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
 from drivebus.errors import (
     ControlNotHeld,
     DrivebusError,
@@ -114,7 +114,12 @@ class DriveCommands:
         self, runtime: DriveRuntime, frequency_hz: float, direction: str | None, actor: Actor, requested_at: float
     ) -> Json:
         """Start a drive after all checks. It counts as started by the service once a frame may have left."""
-        outcome = await self.run_motion(runtime, runtime.drive.run(frequency_hz, direction, requested_at=requested_at))
+        start = runtime.drive.run(frequency_hz, direction, requested_at=requested_at)
+        try:
+            outcome = await self.run_motion(runtime, start)
+        except DrivebusError as error:
+            self.publish_failed_start(runtime, "run", error, actor, frequency_hz=frequency_hz)
+            raise
         runtime.commanded_hz = frequency_hz
         return self.publish_outcome(runtime, "run", outcome, actor, frequency_hz=frequency_hz)
 
@@ -256,6 +261,22 @@ class DriveCommands:
             return
         runtime.bus.release_start([runtime.config.address])
         self.plant.publish_event("command", runtime.id, "plant.released", actor=actor.name)
+
+    def publish_failed_start(
+        self, runtime: DriveRuntime, command: str, error: DrivebusError, actor: Actor, **params: Any
+    ) -> None:
+        """Publish an event of a start that failed after a frame that moves may have left: the motor may be running."""
+        if error.may_be_running is not False:
+            status = error.outcome.status if isinstance(error.outcome, Outcome) else OutcomeStatus.UNKNOWN
+            self.plant.publish_event(
+                "command",
+                runtime.id,
+                f"plant.did_{command}",
+                actor=actor.name,
+                outcome=str(status),
+                **params,
+                how=error,
+            )
 
     def publish_outcome(
         self, runtime: DriveRuntime, command: str, outcome: Outcome, actor: Actor, **params: Any

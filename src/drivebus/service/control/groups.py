@@ -11,7 +11,16 @@ from math import ceil, floor
 
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import DriveState
-from drivebus.errors import ControlNotHeld, DrivebusError, Expired, Interlocked, LimitError, ServiceError, Superseded
+from drivebus.errors import (
+    ControlNotHeld,
+    DrivebusError,
+    Expired,
+    Interlocked,
+    LimitError,
+    ServiceError,
+    StartInhibited,
+    Superseded,
+)
 from drivebus.service.api.errors import error_to_json
 from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations.groups import (
@@ -61,6 +70,7 @@ class GroupCommands:
         group, runtimes = self._require_control(params.group, actor)
         for runtime in runtimes:
             check_start(self.plant, runtime)
+        _check_none_tripped(group, runtimes)
         _check_followers_online(group, runtimes)
         return {
             "arm_token": self.plant.arm_tokens.issue(f"group:{group.id}", actor, self.plant.now()),
@@ -81,6 +91,7 @@ class GroupCommands:
         for runtime in runtimes:
             check_start(self.plant, runtime)
             _check_member_frequency(group, runtime, params.frequency_hz)
+        _check_none_tripped(group, runtimes)
         _check_followers_online(group, runtimes)
         self.plant.arm_tokens.consume(params.arm_token, f"group:{group.id}", actor, self.plant.now())
         self.progress[group.id] = 0
@@ -249,6 +260,13 @@ def _check_followers_online(group: GroupConfig, runtimes: list[DriveRuntime]) ->
     for runtime in runtimes[1:] if group.leader else ():
         if not runtime.is_online:
             raise Interlocked("plant.member_offline", drive=runtime.id, group=group.id, leader=group.leader)
+
+
+def _check_none_tripped(group: GroupConfig, runtimes: list[DriveRuntime]) -> None:
+    """Check that no drive of the group reports a fault: the others would run without it. Raises StartInhibited."""
+    for runtime in runtimes:
+        if runtime.status().state is DriveState.FAULT:
+            raise StartInhibited("plant.member_fault", drive=runtime.id, group=group.id)
 
 
 def _check_member_frequency(group: GroupConfig, runtime: DriveRuntime, frequency_hz: float) -> None:

@@ -45,7 +45,11 @@ class RemoteJogs:
         check_start(self.plant, runtime)
         session = runtime.drive.jog(params.frequency_hz, params.direction, requested_at=ticket.issued_at)
         self.plant.arm_tokens.consume(params.arm_token, runtime.id, actor, self.plant.now())
-        await self.commands.run_motion(runtime, session.start())
+        try:
+            await self.commands.run_motion(runtime, session.start())
+        except DrivebusError as error:
+            self.commands.publish_failed_start(runtime, "jog", error, actor)
+            raise
         id = secrets.token_urlsafe(12)
         self._active[id] = ActiveJog(runtime, actor, ticket, session)
         if self.plant.leases.has_ended(actor.session, self.plant.now()):

@@ -130,8 +130,8 @@ class IncidentRecorder:
         self._buffers: dict[str, RingBuffer] = {}
         self._last_incident: dict[str, tuple[float, asyncio.Task[str | None]]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
-        self.error: OSError | None = None
-        """Error of saving the last incident; None if it was saved."""
+        self.error: Exception | None = None
+        """Error of recording the last incident; None if it was saved."""
 
     # --- recording -------------------------------------------------------------------------------------------------
 
@@ -203,10 +203,8 @@ class IncidentRecorder:
     async def _save(self, write: Callable[[], str], drive: str) -> str | None:
         try:
             id = await asyncio.get_running_loop().run_in_executor(None, write)
-        except OSError as error:
-            self.error = error
-            reason = SystemReason(error)
-            LOG.error(i18n.preferred_text("log.incident_not_saved", drive=drive, reason=reason))
+        except Exception as error:
+            self.report_failure(drive, error)
             return None
         self.error = None
         if self._read_parameters is not None and drive:
@@ -216,6 +214,12 @@ class IncidentRecorder:
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
         return id
+
+    def report_failure(self, drive: str, error: Exception) -> None:
+        """Keep and log the error of an incident that could not be recorded."""
+        self.error = error
+        reason = SystemReason(error)
+        LOG.error(i18n.preferred_text("log.incident_not_saved", drive=drive, reason=reason))
 
     async def _add_parameters(self, id: str, drive: str) -> None:
         assert self._read_parameters is not None

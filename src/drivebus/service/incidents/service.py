@@ -70,8 +70,13 @@ class IncidentService(PlantListener):
         task.add_done_callback(self._tasks.discard)
 
     async def _record_incident(self, alarm: Alarm) -> None:
-        plant, bus = self._plant, await self._bus_snapshot(alarm.drive)
-        recording = self.recorder.capture(alarm, plant.views.get(alarm.drive), bus, plant.now(), plant.wall_ms())
+        plant = self._plant
+        try:
+            bus = await self._bus_snapshot(alarm.drive)
+            recording = self.recorder.capture(alarm, plant.views.get(alarm.drive), bus, plant.now(), plant.wall_ms())
+        except Exception as error:  # of a part that can't be copied
+            self.recorder.report_failure(alarm.drive, error)
+            return
         incident = await asyncio.shield(recording)
         if incident is not None:
             plant.publish_alarms(plant.alarms.attach_incident(alarm.id, incident))

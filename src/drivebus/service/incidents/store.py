@@ -76,13 +76,13 @@ class IncidentStore:
     def get(self, id: str) -> Json:
         """Return an incident, with ``parameters`` (None if not read), ``notes`` and the bus's frames as ``capture``.
 
-        Raises NotFound.
+        Damaged bytes of the capture become escapes; it is None where its file can't be read. Raises NotFound.
         """
         path = self._path(id)
         incident = _read_json(path / "incident.json")
         if incident is None:
             raise NotFound("alarms.no_incident", incident=id)
-        capture = {"name": f"{id}.dbcap", "text": (path / CAPTURE_FILE).read_text(encoding="utf-8")}
+        capture = _read_capture(path / CAPTURE_FILE, f"{id}.dbcap")
         notes = _read_notes(path / NOTES_FILE)
         return incident | {"parameters": _read_json(path / "parameters.json"), "notes": notes, "capture": capture}
 
@@ -150,6 +150,14 @@ def _read_json(path: Path) -> Json | None:
     except (OSError, ValueError, RecursionError):
         return None
     return document if isinstance(document, dict) else None
+
+
+def _read_capture(path: Path, name: str) -> Json | None:
+    """Return a capture file as text; None if it is missing or can't be read."""
+    try:
+        return {"name": name, "text": path.read_text(encoding="utf-8", errors="backslashreplace")}
+    except OSError:
+        return None
 
 
 def _is_summary(stored: Json) -> bool:

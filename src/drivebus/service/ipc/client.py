@@ -93,7 +93,8 @@ class SocketClient:
 
     async def end_control(self, reason: str, actor: Actor) -> None:
         """See ``ServiceClient.end_control``."""
-        await self._notify({"end_control": reason}, actor)
+        # an older service, which knows no "end_control", answers the unknown operation and stays connected
+        await self._notify({"end_control": reason, "op": "end_control"}, actor)
 
     async def _notify(self, message: Json, actor: Actor) -> None:
         """Send a message that has no result. Raises ServiceUnavailable, AuditUnavailable."""

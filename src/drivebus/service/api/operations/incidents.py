@@ -93,7 +93,7 @@ class IncidentResponse(IncidentSummaryObject):
     """An incident as it was recorded, with what was added later.
 
     ``raised`` and ``view`` are the alarm and the drive as that version of drivebus described them. ``parameters`` were
-    read afterwards, null where that failed.
+    read afterwards, null where that failed. ``capture`` is null where its file can't be read.
     """
 
     before_s: float
@@ -105,7 +105,7 @@ class IncidentResponse(IncidentSummaryObject):
     frames: list[IncidentFrameObject]
     parameters: dict[str, ReadingObject] | None
     notes: list[IncidentNoteObject]
-    capture: CaptureObject
+    capture: CaptureObject | None
 
 
 class IncidentNotesResponse(ApiObject):
