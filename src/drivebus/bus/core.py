@@ -323,8 +323,6 @@ class BusCore:
         prepared = self.transaction.prepared
         if prepared.token is token and prepared.effect is not Effect.STOP:
             prepared.max_attempts = 0
-            if isinstance(prepared, PreparedPoll):
-                prepared.cancelled = True
 
     def _reject(self, bus_request: BusRequest, token: Any, error: Exception) -> list[CoreCommand]:
         return [DeliverResult(token, BusResult(bus_request=bus_request, error=error))]
@@ -547,7 +545,7 @@ class BusCore:
             if self.tracing:
                 self._trace(
                     TraceEvent(
-                        time=transaction.last_byte_at or now,
+                        time=transaction.last_byte_at,
                         kind=TraceKind.REPLY,
                         data=bytes(transaction.buffer),
                         station=station.address,
