@@ -814,8 +814,6 @@ class BusCore:
         data, prepared = bytes(transaction.buffer), transaction.prepared
         if isinstance(error, TrailingError) and isinstance(error.expected, int):
             data = data[error.expected :]
-        if not data or data == prepared.data:
-            return
         request = decode_request_prefix(prepared.codec, data)
         if request is None:
             data = self.unsolicited.join_fragment(data, transaction.sent_at)
