@@ -51,7 +51,7 @@ def damage_next_reply(script: BusScript) -> None:
     script.wire = wire
 
 
-def test_a_poll_with_a_damaged_reply_is_repeated_at_once_and_counts_its_attempts_anew_each_time() -> None:
+def test_a_poll_with_a_damaged_reply_is_repeated_at_once_and_its_attempts_begin_at_one_each_time() -> None:
     script = online(FakeStation())
     script.start_polling(1, [Poll(read(), 1.0, phase_s=0.0)])
     script.run_until(script.now + 0.5)

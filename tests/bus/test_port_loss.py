@@ -72,7 +72,7 @@ def test_a_reply_that_was_due_to_another_master_before_the_loss_delays_nothing_a
     assert script.core.unsolicited.foreign_request is None
 
 
-def test_the_first_frame_after_the_loss_waits_for_silence_anew() -> None:
+def test_what_a_frame_has_waited_for_silence_before_the_loss_does_not_count_after_it() -> None:
     """On a bus that is never silent a frame fails after a second; what another has waited before does not count."""
     script = make_script(FakeStation())
     for number in range(200):
@@ -87,7 +87,7 @@ def test_the_first_frame_after_the_loss_waits_for_silence_anew() -> None:
     assert script.result("after").error is None and "no_silence" not in script.core.counters.events
 
 
-def test_a_stop_waits_for_silence_anew_after_the_loss() -> None:
+def test_what_a_stop_has_waited_for_silence_before_the_loss_does_not_count_after_it() -> None:
     """It waits for 64 characters on a bus that is never silent; what it has waited before the loss does not count."""
     script = make_script(FakeStation())
     noise = [(number * CHARACTER_S / 2, b"\xff") for number in range(3000)]

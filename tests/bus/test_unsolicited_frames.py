@@ -1,4 +1,4 @@
-"""Frames that nobody of ours was asked for: their bytes, time, sender and consequence, one by one."""
+"""Frames that no request of ours has caused: their bytes, time, sender and consequence, one by one."""
 
 from __future__ import annotations
 
