@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
@@ -496,6 +497,26 @@ def test_only_an_engineer_takes_a_lease_from_another_session() -> None:
             await kit.call("lease.release", remote_actor("eve", Role.ENGINEER), drive="fan-1")
             await kit.call("lease.take", remote_actor("bob"), drive="fan-1")
             assert kit.drives_of_events("plant.lease_taken", owner="eve") == [], "eve had released it"
+
+    run(scenario())
+
+
+def test_a_drive_whose_status_fails_does_not_keep_an_ending_service_from_stopping_the_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail() -> None:
+        raise ValueError("broken")
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await ready(kit, "fan-1")
+            runtime, station = kit.service.plant.drives["pump-1"], kit.station("fan-1")
+            monkeypatch.setattr(logging.getLogger("drivebus.service"), "exception", lambda *_: None)
+            monkeypatch.setattr(runtime, "status", fail)
+            monkeypatch.setattr(runtime, "state_was_known", False)
+            outcomes = await kit.service.stop()
+            assert [*outcomes] == ["fan-1"] and station.motor.phase is OutputPhase.OFF
+            assert "pump-1" in kit.drives_of_events("plant.left_unknown")
 
     run(scenario())
 

@@ -245,10 +245,9 @@ class GroupCommands:
 
     def _group_state(self, group: GroupConfig) -> str:
         runtimes = [self.plant.drives[id] for id in group.drives if id in self.plant.drives]
-        states = [runtime.status().state for runtime in runtimes]
-        if DriveState.UNKNOWN in states or not all(runtime.is_online for runtime in runtimes):
+        if any(runtime.state_is_unknown or not runtime.is_online for runtime in runtimes):
             return "unknown"
-        turning = [state.turning for state in states]
+        turning = [runtime.turning for runtime in runtimes]
         return "running" if all(turning) else "mixed" if any(turning) else "stopped"
 
 

@@ -75,7 +75,7 @@ class StopPolicies:
 
     def _alarm_control_lost(self, runtime: DriveRuntime, **params: str) -> None:
         """Raise the alarm; a drive of which no read shows the motor turning only may be running."""
-        key = "alarms.motion.running" if runtime.status().state.turning else "alarms.motion.possible"
+        key = "alarms.motion.running" if runtime.turning else "alarms.motion.possible"
         self.plant.raise_alarm(SystemAlarm.CONTROL_LOST, runtime.id, motion=bilingual_text(key), **params)
 
     def on_status(self, runtime: DriveRuntime, status: DriveStatus) -> None:
@@ -117,9 +117,9 @@ class StopPolicies:
                 self._stop_tripped(runtime)
 
     def _stop_tripped(self, runtime: DriveRuntime) -> None:
-        """Stop a running drive with a tripped interlock; one whose status can't be made where it turned last."""
+        """Stop a running drive with a tripped interlock."""
         tripped = self.plant.interlocks.tripped_stops(runtime.id)
-        if not tripped or not _may_be_running_by_last_status(runtime):
+        if not tripped or not may_be_running(runtime):
             self._announced_trips.pop(runtime.id, None)
         elif not runtime.drive.stopping and runtime.id not in self._stopping:
             self._start_stop(runtime)
@@ -179,20 +179,11 @@ def _failure_logged() -> Iterator[None]:
         LOG.exception(i18n.preferred_text("log.supervision_failed"))
 
 
-def _may_be_running_by_last_status(runtime: DriveRuntime) -> bool:
-    """Return whether a drive may be running, by its last known state where its status can't be made."""
-    try:
-        return may_be_running(runtime)
-    except Exception:
-        LOG.exception(i18n.preferred_text("log.supervision_failed"))
-        return runtime.last_known_turning
-
-
 def _state_lost(runtime: DriveRuntime) -> bool:
     """Return whether the state of a drive that reports one is unknown now: it may be running."""
-    return runtime.drive.dialect.reports_run_state and runtime.status().state is DriveState.UNKNOWN
+    return runtime.drive.dialect.reports_run_state and runtime.state_is_unknown
 
 
 def may_be_running(runtime: DriveRuntime) -> bool:
     """Return whether the motor turns, or was started or adopted and has not reported standstill since."""
-    return runtime.runs_for_service or runtime.status().state.turning
+    return runtime.runs_for_service or runtime.turning

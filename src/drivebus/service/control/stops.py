@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterable, Sequence
 
-from drivebus.drives import DriveState, stop_bus
+from drivebus.drives import stop_bus
 from drivebus.drives.bus_stop import StopReport
 from drivebus.errors import DrivebusError
 from drivebus.service.alarms import SystemAlarm
@@ -144,7 +144,6 @@ def _left_running(runtime: DriveRuntime) -> str | None:
     """Return the key of the sentence about a drive that may be running and is not stopped; None for one at rest."""
     if runtime.runs_for_service:
         return "plant.held"
-    state = runtime.status().state
-    if state is DriveState.UNKNOWN:
+    if runtime.state_is_unknown:
         return "plant.left_unknown"
-    return "plant.left_running" if state.turning else None
+    return "plant.left_running" if runtime.turning else None

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from drivebus import profiles
+from drivebus import i18n, profiles
 from drivebus.bus import Bus
 from drivebus.bus.station import Presence
 from drivebus.drives import Drive, DriveState, DriveStatus
@@ -22,6 +23,7 @@ from drivebus.service.runtime.comm_loss import CommLossState
 from drivebus.service.storage.settings import DriveIdentity
 from drivebus.values import Quality, Reading
 
+LOG = logging.getLogger("drivebus.service")
 FREQUENCY_TOLERANCE_HZ = 0.1  # rounding of a frequency by the drive is no excess over a limit
 
 
@@ -91,9 +93,19 @@ class DriveRuntime:
     @property
     def runs_for_service(self) -> bool:
         """Started or adopted by this service, and not reported at standstill since; or found running just now."""
-        if self.started_by_service or self.adopted:  # also while its status can't be made
-            return True
-        return not self.state_was_known and self.status().state.turning
+        return self.started_by_service or self.adopted or (not self.state_was_known and self.turning)
+
+    @property
+    def turning(self) -> bool:
+        """Whether its motor turns; where its status can't be made, whether it turned when its state was known last."""
+        status = self._status_or_none()
+        return self.last_known_turning if status is None else status.state.turning
+
+    @property
+    def state_is_unknown(self) -> bool:
+        """Whether its state is not known now, also because its status can't be made."""
+        status = self._status_or_none()
+        return status is None or status.state is DriveState.UNKNOWN
 
     @property
     def is_online(self) -> bool:
@@ -103,7 +115,8 @@ class DriveRuntime:
     @property
     def awaits_first_read(self) -> bool:
         """Whether its first read is under way: the state is not known, and no poll has failed."""
-        not_read = self.status().reason == STATE_NOT_READ.reason
+        status = self._status_or_none()
+        not_read = status is not None and status.reason == STATE_NOT_READ.reason
         return not_read and self.monitor is not None and self.monitor.last_error is None
 
     def end_motion(self) -> None:
@@ -133,6 +146,14 @@ class DriveRuntime:
         if self.monitor is not None:
             return self.monitor.status()
         return complete_status(self.drive.dialect, DriveStatus(state=DriveState.UNKNOWN, reason="drives.not_read"), ())
+
+    def _status_or_none(self) -> DriveStatus | None:
+        """Return the newest status; log why it can't be made, so that one drive keeps no stop from the others."""
+        try:
+            return self.status()
+        except Exception:
+            LOG.exception(i18n.preferred_text("log.supervision_failed"))
+            return None
 
     @property
     def configured_range_hz(self) -> tuple[float, float]:
