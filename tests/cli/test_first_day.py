@@ -118,13 +118,13 @@ def test_the_notes_of_a_plain_view_fit_a_narrow_terminal(
 
 
 def test_the_log_of_the_demo_is_in_the_language_of_the_command_and_leaves_no_drive_running(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Regression: ``drivebus demo --lang zh`` logged in English, and warned at Ctrl-C of drives that ended with it."""
     log = logging.getLogger("drivebus")
     handler = logging.handlers.BufferingHandler(100)
     monkeypatch.setattr(log, "handlers", [handler])
-    monkeypatch.setattr(log, "level", logging.INFO)
+    caplog.set_level(logging.INFO, log.name)
     monkeypatch.setenv(i18n.LANGUAGE_VARIABLE, "en")
     monkeypatch.setattr(host, "configure_logging", lambda _: None)
     monkeypatch.setattr(host.signal, "signal", lambda *_: None)
