@@ -14,8 +14,9 @@ INTRO = {
     "en": """Each line of the protocols, the engine of the bus, the transaction, the scheduler, the permits, the start
 permissives, the start, stop, pause and ramp hold and the authorization (users, sessions and tokens; leases, arm tokens
 and waivers; the web's access checks) is changed in a small way, one change at a time, and a test of that package must
-fail. A change that no test detects is an untested line. The tool is our own (`tests/mutation`): besides the bodies of functions, also
-of decorated ones, it changes what is computed while a module is loaded: code tables, alphabets, lengths, defaults.
+fail. A change that no test detects is an untested line. The tool is our own (`tests/mutation`): besides the bodies of
+functions, also of decorated ones, it changes what is computed while a module is loaded: code tables, alphabets,
+lengths, defaults.
 
 ```
 make mutation                         # all modules; hours of processor time on a small machine
@@ -35,8 +36,9 @@ A commit that ends in "-dirty": merged from several runs between which tests wer
 A row keeps its figures and its commit until its module is tried again; a module without a row has not been tried
 under its current name.
 """,
-    "zh": """协议、总线引擎、事务、调度器、请求及其发送许可、启动允许条件、启动、停机、暂停和加减速禁止，以及决定谁可以做什么的
-代码（用户、会话和令牌；控制权、启动令牌和豁免；网页的访问检查）的每一行都被逐一做微小改动，该部分的测试必须发现。
+    "zh": """协议、总线引擎、事务、调度器、请求及其发送许可、启动允许条件、启动、停机、暂停和加减速禁止，
+以及决定谁可以做什么的代码（用户、会话和令牌；控制权、启动令牌和豁免；网页的访问检查）的每一行都被逐一做微小改动，
+该部分的测试必须发现。
 没有测试发现的改动，就是未被测试的一行。工具是我们自己的（`tests/mutation`）：除函数体（包括带装饰器的函数）之外，
 还改动模块加载时计算的内容：代码表、字符表、长度、默认值。
 
