@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from drivebus.bus import Poll, Presence, TraceKind
-from drivebus.bus.core import BusCore
 from drivebus.bus.station import PROBE_BUS_SHARE
 from drivebus.errors import AddressError, ChecksumError, NoReply
 from drivebus.protocols import modbus
@@ -21,23 +20,12 @@ from fixtures.bus import (
     FakeStation,
     effect,
     make_core,
-    make_script,
+    make_traced_script,
     read,
     read_request,
     stop_request,
     wire_to,
 )
-
-
-def online(*stations: FakeStation) -> BusScript:
-    """Return the script of a bus whose stations have answered once, tracing since then."""
-    script = make_script(*stations)
-    for station in stations:
-        script.submit(read_request(station.address), station.address)
-        assert script.result(station.address).error is None
-    script.run()
-    script.core.tracing = True
-    return script
 
 
 def damage_next_reply(script: BusScript) -> None:
@@ -52,7 +40,7 @@ def damage_next_reply(script: BusScript) -> None:
 
 
 def test_a_poll_with_a_damaged_reply_is_repeated_at_once_and_its_attempts_begin_at_one_each_time() -> None:
-    script = online(FakeStation())
+    script = make_traced_script(FakeStation())
     script.start_polling(1, [Poll(read(), 1.0, phase_s=0.0)])
     script.run_until(script.now + 0.5)
     damage_next_reply(script)
@@ -75,7 +63,7 @@ def test_bytes_in_place_of_a_reply_do_not_make_a_station_absent_that_was_never_s
 
 def test_an_unanswered_sync_probe_fails_the_requests_of_its_own_station_only_and_no_stop() -> None:
     stations = FakeStation(address=1), FakeStation(address=2)
-    script = online(*stations)
+    script = make_traced_script(*stations)
     for station in stations:
         station.alive = False
     for address in (1, 2):
@@ -96,7 +84,7 @@ def test_an_unanswered_sync_probe_fails_the_requests_of_its_own_station_only_and
 def test_probes_of_an_offline_station_spend_the_share_of_bus_time_for_probes() -> None:
     """The first probe, of a suspect station, is free: requests wait for it."""
     station = FakeStation()
-    script = online(station)
+    script = make_traced_script(station)
     station.alive = False
     script.submit(read_request(), "lost")
     script.run_until(script.now + 0.6)
@@ -113,7 +101,7 @@ def test_probes_of_an_offline_station_spend_the_share_of_bus_time_for_probes() -
 
 def test_unanswered_requests_are_remembered_for_as_long_as_their_reply_may_come() -> None:
     station = FakeStation()
-    script = online(station)
+    script = make_traced_script(station)
     entries = script.core.stations[1]
     for pause in (0.0, 1.0, ANY_REPLY_LATENESS_S + 1.0):
         station.alive = True
@@ -129,7 +117,7 @@ def test_unanswered_requests_are_remembered_for_as_long_as_their_reply_may_come(
 
 
 def test_a_lost_and_a_damaged_reply_are_traced_as_what_they_are() -> None:
-    script = online(FakeStation())
+    script = make_traced_script(FakeStation())
     damage_next_reply(script)
     script.submit(read_request(), "damaged")
     assert script.result("damaged").attempts == 2
@@ -144,7 +132,7 @@ def test_a_lost_and_a_damaged_reply_are_traced_as_what_they_are() -> None:
 
 
 def test_a_line_error_without_a_byte_is_traced_as_invalid_and_not_as_silence() -> None:
-    script = online(FakeStation())
+    script = make_traced_script(FakeStation())
     script.wire = lambda frame, ended_at: []
     script.submit(read_request(), "disturbed")
     script.run_until(script.now + 0.005)
@@ -154,7 +142,7 @@ def test_a_line_error_without_a_byte_is_traced_as_invalid_and_not_as_silence() -
 
 
 def test_a_cut_reply_is_traced_as_invalid_and_not_as_silence() -> None:
-    script = online(FakeStation())
+    script = make_traced_script(FakeStation())
     script.wire = lambda frame, ended_at: [(ended_at + 0.02, DAMAGED_REPLY[:5])]
     script.submit(read_request(), "cut")
     script.run_until(script.now + 0.15)
@@ -162,7 +150,7 @@ def test_a_cut_reply_is_traced_as_invalid_and_not_as_silence() -> None:
 
 
 def test_a_reply_that_comes_twice_counts_as_duplicate_of_its_station_and_noise_after_it_does_not() -> None:
-    script = online(FakeStation())
+    script = make_traced_script(FakeStation())
     reply = CODEC.encode_reply(modbus.RegisterValues(1, 3, (7,) * 4))
     for count, after in enumerate((b"\xff", reply)):
         script.wire = lambda frame, ended_at, after=after: [(ended_at + 0.03, reply + after)]
@@ -175,7 +163,7 @@ def test_a_reply_that_comes_twice_counts_as_duplicate_of_its_station_and_noise_a
 
 
 def test_bytes_before_the_end_of_our_frame_are_traced_and_count_as_time_on_the_wire() -> None:
-    clean, early = (online(FakeStation()) for _ in range(2))
+    clean, early = (make_traced_script(FakeStation()) for _ in range(2))
     for script in (clean, early):
         script.submit(read_request(), "read")
         if script is early:
@@ -189,13 +177,13 @@ def test_bytes_before_the_end_of_our_frame_are_traced_and_count_as_time_on_the_w
 
 
 def test_every_byte_received_counts_for_its_station() -> None:
-    script = online(FakeStation())
+    script = make_traced_script(FakeStation())
     assert script.core.stations[1].counters.bytes_received == script.core.counters.bytes_received == 13
 
 
 def test_health_says_until_when_reads_of_a_suspect_station_wait() -> None:
     station = FakeStation()
-    script = online(station)
+    script = make_traced_script(station)
     assert script.core.health(1, script.now).reads_wait_until == 0.0
     station.alive = False
     script.submit(read_request(), "lost")
@@ -205,7 +193,7 @@ def test_health_says_until_when_reads_of_a_suspect_station_wait() -> None:
 
 
 def test_a_broadcast_says_nothing_about_an_echo() -> None:
-    core: BusCore = make_core(1, echo="detect")
+    core = make_core(1, echo="detect")
     script = BusScript(core)
     script.submit(stop_request(0), "all")
     script.run()

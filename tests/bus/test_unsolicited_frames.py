@@ -18,7 +18,7 @@ from fixtures.bus import (
     TIMING,
     FakeStation,
     make_core,
-    make_script,
+    make_traced_script,
     read,
     read_request,
     station_config,
@@ -33,13 +33,7 @@ FOREIGN_REPLY = CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2)))
 
 def online(*addresses: int) -> BusScript:
     """Return the script of a bus whose stations have answered once, tracing since then."""
-    script = make_script(*(FakeStation(address=address) for address in addresses))
-    for address in addresses:
-        script.submit(read_request(address), address)
-        assert script.result(address).error is None
-    script.run()
-    script.core.tracing = True
-    return script
+    return make_traced_script(*(FakeStation(address=address) for address in addresses))
 
 
 def make_suspect(script: BusScript, address: int) -> None:
