@@ -125,7 +125,7 @@ def test_the_start_of_the_service_sends_only_reads() -> None:
 def test_an_adopted_drive_whose_state_was_lost_is_stopped_by_an_interlock_as_one_that_may_be_running(
     state: DriveState,
 ) -> None:
-    adopted: Any = SimpleNamespace(runs_for_service=True, status=lambda: SimpleNamespace(state=state))
+    adopted: Any = SimpleNamespace(runs_for_service=True, turning=state.turning)
     assert may_be_running(adopted)
     adopted.runs_for_service = False  # the supervision does that at the first report of standstill
     assert not may_be_running(adopted)
