@@ -35,10 +35,11 @@ async def _loopback(target: Target, count: int) -> ExitCode:
     async with connect.open_drive(target) as (_, drive):
         with shutdown_signals() as shutdown:
             report = await drive.loopback_test(count, lambda: shutdown.received)
-    if report.requests < count:
+    is_complete = report.requests == count
+    if not is_complete:
         output.print_note("scan.aborted")
-    _print_report(report, is_complete=report.requests == count)
-    if report.requests < count:
+    _print_report(report, is_complete=is_complete)
+    if not is_complete:
         return ExitCode.INTERRUPTED
     return ExitCode.DONE if len(report.round_trips_s) == count else ExitCode.FAILED
 

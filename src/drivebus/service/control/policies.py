@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import logging
-from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from math import inf
 from typing import Any
 
-from drivebus import i18n
 from drivebus.drives.state import DriveState, DriveStatus
 from drivebus.errors import DrivebusError
 from drivebus.profiles.diagnostics import bilingual_text
@@ -20,11 +17,11 @@ from drivebus.service.config.model import OnClientLost, OnRestart, title_of
 from drivebus.service.control.leases import ControlLease
 from drivebus.service.live.views import DriveView
 from drivebus.service.runtime.drive import DriveRuntime
+from drivebus.service.runtime.failure_log import failure_logged
 from drivebus.service.runtime.plant import Plant
 from drivebus.values import Text
 
 STANDSTILL_CONFIRM_S = 3.0  # after a start command; a drive that still reports standstill then has not started
-LOG = logging.getLogger("drivebus.service")
 OperationCall = Callable[[str, dict[str, Any], Actor], Awaitable[dict[str, Any]]]
 
 
@@ -51,7 +48,7 @@ class StopPolicies:
         for lease in leases:
             runtime = self.plant.drives.get(lease.drive)
             if runtime is not None:
-                with _failure_logged():
+                with failure_logged():
                     self._on_lease_ended(runtime, lease, key, params)
 
     def _on_lease_ended(self, runtime: DriveRuntime, lease: ControlLease, key: str, params: Mapping[str, Any]) -> None:
@@ -113,7 +110,7 @@ class StopPolicies:
                 self.plant.clear_alarm(SystemAlarm.INTERLOCK_TRIP, drive, subject=id)
                 self._announced_trips.get(drive, set()).discard(id)
         for runtime in self.plant.drives.values():
-            with _failure_logged():
+            with failure_logged():
                 self._stop_tripped(runtime)
 
     def _stop_tripped(self, runtime: DriveRuntime) -> None:
@@ -168,15 +165,6 @@ class StopPolicies:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-
-
-@contextmanager
-def _failure_logged() -> Iterator[None]:
-    """Log an unexpected error of one drive, so that the others still get their stops."""
-    try:
-        yield
-    except Exception:
-        LOG.exception(i18n.preferred_text("log.supervision_failed"))
 
 
 def _state_lost(runtime: DriveRuntime) -> bool:

@@ -2,9 +2,9 @@
 
 An interlock that does not hold blocks every start of its drives at once. One whose action is ``stop`` trips when it has
 not held for ``delay_s``, and is reset as soon as it holds; no drive is started by that. After the start of the service,
-and after a reload where it reads a drive whose polls have begun anew, an interlock whose values are not known yet trips
-only after ``FIRST_POLL_GRACE_S``, so that no drive is stopped merely because it was not polled yet; one that is known
-not to hold trips at once.
+and after a reload where it reads a drive whose polls have started again, an interlock whose values are not known yet
+trips only after ``FIRST_POLL_GRACE_S``, so that no drive is stopped merely because it was not polled yet; one that is
+known not to hold trips at once.
 """
 
 from __future__ import annotations
@@ -57,10 +57,10 @@ class _InterlockState:
     config: InterlockConfig
     expression: Expression
     was_known: bool = False
-    """Whether its result was known since the start, and since the polls of a drive that it reads have begun anew."""
+    """Whether its result was known since the start, and since the polls of a drive that it reads have started again."""
     violation: Violation | None = None
     evaluated: bool = False
-    """Whether it was evaluated since the start, and since those polls have begun anew; else it blocks starts."""
+    """Whether it was evaluated since the start, and since those polls have started again; else it blocks starts."""
 
 
 class InterlockEngine:
@@ -73,7 +73,7 @@ class InterlockEngine:
     def replace(self, settings: Iterable[InterlockConfig], unread_drives: Collection[str] = ()) -> None:
         """Apply a configuration; unchanged interlocks keep their state. Raises as the constructor does.
 
-        One that reads a drive of ``unread_drives``, whose polls begin anew, blocks starts until it is evaluated again,
+        One that reads a drive of ``unread_drives``, whose polls start again, blocks starts until it is evaluated again,
         because the values may be of another motor. For any other, an unknown value is a lost one.
         """
         new = {setting.id: _InterlockState(setting, parse(setting.require), was_known=True) for setting in settings}

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from drivebus import i18n, profiles
+from drivebus import profiles
 from drivebus.bus import Bus
 from drivebus.bus.station import Presence
 from drivebus.drives import Drive, DriveState, DriveStatus
@@ -20,10 +19,10 @@ from drivebus.service.config.bus_load import polled_names, polls_of, with_period
 from drivebus.service.config.model import DriveConfig
 from drivebus.service.live.views import Sample, StopObject
 from drivebus.service.runtime.comm_loss import CommLossState
+from drivebus.service.runtime.failure_log import failure_logged
 from drivebus.service.storage.settings import DriveIdentity
 from drivebus.values import Quality, Reading
 
-LOG = logging.getLogger("drivebus.service")
 FREQUENCY_TOLERANCE_HZ = 0.1  # rounding of a frequency by the drive is no excess over a limit
 
 
@@ -149,11 +148,9 @@ class DriveRuntime:
 
     def _status_or_none(self) -> DriveStatus | None:
         """Return the newest status; log why it can't be made, so that one drive keeps no stop from the others."""
-        try:
+        with failure_logged():
             return self.status()
-        except Exception:
-            LOG.exception(i18n.preferred_text("log.supervision_failed"))
-            return None
+        return None
 
     @property
     def configured_range_hz(self) -> tuple[float, float]:

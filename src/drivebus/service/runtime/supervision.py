@@ -32,6 +32,7 @@ from drivebus.service.process.permissions import certificate_problems
 from drivebus.service.process.systemd import SystemdNotifier
 from drivebus.service.runtime.bus import BusRuntime
 from drivebus.service.runtime.drive import DriveRuntime
+from drivebus.service.runtime.failure_log import failure_logged
 from drivebus.service.runtime.plant import Plant
 from drivebus.service.storage.storage import Storage
 from drivebus.types import Json
@@ -93,10 +94,8 @@ class SupervisionCycle:
             self._run_step(step)
 
     def _run_step(self, step: Step) -> None:
-        try:
+        with failure_logged():
             step()
-        except Exception:
-            LOG.exception(i18n.preferred_text("log.supervision_failed"))
 
     def _steps(self) -> Iterator[Step]:
         plant = self._plant

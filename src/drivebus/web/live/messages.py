@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from drivebus.service.api.strict_json import parse_json
+from drivebus.service.ids import ID_PATTERN
 
 MAX_MESSAGE_CHARS = 16_384
 MAX_PATTERNS = 100
@@ -16,7 +17,7 @@ DEFAULT_PATTERNS: tuple[str, ...] = ("drives/*", "groups/*", "alarms", "plant", 
 DEFAULT_INTERVAL_S, MIN_INTERVAL_S, MAX_INTERVAL_S = 0.25, 0.1, 10.0
 
 _PATTERN = re.compile(r"\*|(drives|buses|groups|frames)/[a-z0-9_*-]{1,64}|alarms|plant|events")
-_ID = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
+_ID = re.compile(ID_PATTERN)
 _NUMBER = re.compile(r"[0-9]{1,3}(\.[0-9]{1,6})?")
 
 
