@@ -21,6 +21,7 @@ from drivebus.cli.demo.history import (
     past_alarms,
     past_statistics,
 )
+from drivebus.cli.demo.host import free_port
 from drivebus.cli.demo.layout import BUSES
 from drivebus.profiles.model import DriveProfile
 from drivebus.service.config.model import DriveConfig
@@ -148,7 +149,7 @@ def test_a_demo_that_is_ended_while_it_writes_its_history_removes_its_directory(
     monkeypatch.setitem(ENVIRONMENT, "TMPDIR", str(tmp_path))
     former = signal.signal(signal.SIGINT, ctrl_c)  # inherited where it is ignored
     try:
-        terminal = PtyTerminal("demo", "--port", "8119")
+        terminal = PtyTerminal("demo", "--port", str(free_port(0)))
     finally:
         signal.signal(signal.SIGINT, former)
     with terminal:

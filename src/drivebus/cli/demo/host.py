@@ -42,6 +42,7 @@ from drivebus.cli.demo.script import (
     caption,
 )
 from drivebus.cli.errors import ExitCode
+from drivebus.cli.signals import shutdown_signals
 from drivebus.clock import wall_ms
 from drivebus.drives.store import FileStore
 from drivebus.service.alarms import Alarm
@@ -61,7 +62,6 @@ from drivebus.service.process.logging_setup import configure_logging
 from drivebus.service.process.main import run_service
 from drivebus.service.runtime.run_statistics import DOCUMENT_KIND
 from drivebus.service.storage.settings import SETTINGS_FILE
-from drivebus.terminal import discard_terminal_output
 from drivebus.types import Json
 from drivebus.values import Text
 
@@ -81,10 +81,7 @@ def run_demo(port: int) -> ExitCode:
     output.export_language()
     configure_logging("text")
     logging.getLogger("drivebus").handlers[0].addFilter(_outlives_demo)
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _interrupt)  # until the service handles them
-    with _directory() as directory:
-        return asyncio.run(_run_with_page(directory, port))
+    return asyncio.run(_run_until_signal(port))
 
 
 def _outlives_demo(record: logging.LogRecord) -> bool:
@@ -93,13 +90,10 @@ def _outlives_demo(record: logging.LogRecord) -> bool:
     return event.get("kind") != "not_stopped"
 
 
-def _interrupt(number: int, _: object) -> None:
-    """End the preparation as Ctrl-C does, so that the temporary directory is removed."""
-    if number == signal.SIGHUP:
-        discard_terminal_output()
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell sets it for a command behind which "&" stands
-        raise KeyboardInterrupt
-    signal.raise_signal(signal.SIGINT)
+async def _run_until_signal(port: int) -> ExitCode:
+    with shutdown_signals() as shutdown, _directory() as directory:
+        await shutdown.interruptible(_run_with_page(directory, port))  # the service handles the signals once it runs
+        return ExitCode.INTERRUPTED if shutdown.received else ExitCode.DONE
 
 
 @contextmanager
@@ -110,7 +104,7 @@ def _directory() -> Iterator[Path]:
         yield directory
 
 
-async def _run_with_page(directory: Path, port: int) -> ExitCode:
+async def _run_with_page(directory: Path, port: int) -> None:
     plant = create_demo_plant()
     await plant.start()
     try:
@@ -132,7 +126,6 @@ async def _run_with_page(directory: Path, port: int) -> ExitCode:
         await asyncio.gather(*tasks, return_exceptions=True)
     finally:
         await plant.close()
-    return ExitCode.DONE
 
 
 def _write_config(plant: DemoPlant, directory: Path, port: int, login_notice: Json | None = None) -> PlantConfig:
