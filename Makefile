@@ -10,13 +10,12 @@ else
 INSTALL = $(BIN)/python -m pip install -q --disable-pip-version-check
 endif
 LOCKS := requirements/base.txt requirements/build.txt
-# These measure this machine, or hold to half a second of a real clock: one test at a time.
-ALONE := tests/web/page/test_jog.py tests/real tests/web/api/test_results.py tests/web/api/test_real_service.py \
-	tests/web/live tests/system/test_demo_dashboard.py
+# These measure this machine: one test at a time.
+ALONE := tests/real
 # These wait for a browser and for real clocks most of the time: two browsers share the cores.
 BROWSER := tests/web/page
-# These hold to the real clock of slow buses and other programs: they wait nearly all the time, so three wait at once.
-WAITING := tests/cli tests/interop tests/ports tests/gateways tests/service/process
+# These hold to the real clock of slow buses and other programs: they wait nearly all the time, so four wait at once.
+WAITING := tests/cli tests/interop tests/ports tests/gateways tests/service/process tests/system/test_demo_dashboard.py
 # The commands of the documentation wait for each other, so all requests of the API have the second core meanwhile.
 DOCUMENTED := tests/test_examples.py tests/test_guides.py tests/test_api_guide.py tests/test_guide_commands.py \
 	tests/web/api/test_schemathesis.py
@@ -34,8 +33,8 @@ ifdef ARGS
 else
 	$(BIN)/python -m pytest -n auto --dist loadfile tests $(foreach each,$(ALONE) $(BROWSER) $(WAITING) $(DOCUMENTED),--ignore $(each))
 	$(BIN)/python -m pytest -n 2 --dist loadgroup $(DOCUMENTED)
-	$(BIN)/python -m pytest -n 3 --dist loadfile $(WAITING)
-	$(BIN)/python -m pytest -n 2 --dist worksteal $(BROWSER) $(ALONE:%=--ignore %)
+	$(BIN)/python -m pytest -n 4 --dist loadfile $(WAITING)
+	$(BIN)/python -m pytest -n 2 --dist worksteal $(BROWSER)
 	$(BIN)/python -m pytest $(ALONE)
 endif
 

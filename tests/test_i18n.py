@@ -8,6 +8,7 @@ import json
 import re
 import string
 from collections.abc import Iterator
+from functools import cache
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -158,7 +159,7 @@ def test_a_list_in_a_sentence_has_the_mark_of_the_language_between_its_items() -
 
 def joined_parameters() -> Iterator[str]:
     """Yield each argument that is a joined list, of a raised error, an issue or a note of a sentence."""
-    for file, node in constants():
+    for file, node in nodes():
         if isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
             is_sentence = isinstance(node.args[0].value, str) and not any(one.arg is None for one in node.keywords)
             arguments = [*node.args[1:], *(keyword.value for keyword in node.keywords)]
@@ -171,17 +172,21 @@ def test_no_list_of_a_sentence_is_joined_before_its_language_is_known() -> None:
     assert list(joined_parameters()) == []
 
 
-def constants() -> Iterator[tuple[str, ast.AST]]:
-    """Yield every node of the code with its file."""
-    for path in sorted(SOURCE.rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            yield path.relative_to(SOURCE).as_posix(), node
+@cache
+def nodes() -> list[tuple[str, ast.AST]]:
+    """Return the nodes of the code with their files: its constants, calls and raised errors."""
+    return [
+        (path.relative_to(SOURCE).as_posix(), node)
+        for path in sorted(SOURCE.rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant | ast.Call | ast.Raise)
+    ]
 
 
 def named_keys() -> set[tuple[str, str]]:
     """Return every string constant of the code that looks like a key, with its file."""
     prefixes = {key.split(".")[0] for key in i18n.catalogue("en")}
-    strings = ((file, node.value) for file, node in constants() if isinstance(node, ast.Constant))
+    strings = ((file, node.value) for file, node in nodes() if isinstance(node, ast.Constant))
     return {
         (file, value)
         for file, value in strings
@@ -191,7 +196,7 @@ def named_keys() -> set[tuple[str, str]]:
 
 def raised_keys() -> set[tuple[str, str]]:
     """Return the constant keys of raised errors of ``drivebus.errors``, with the file."""
-    calls = ((file, node.exc) for file, node in constants() if isinstance(node, ast.Raise))
+    calls = ((file, node.exc) for file, node in nodes() if isinstance(node, ast.Raise))
     return {
         (file, call.args[0].value)
         for file, call in calls

@@ -74,9 +74,9 @@ def unexplained_uses(root: Path) -> list[str]:
     """Return the comments and docstrings with an id and without the reason in words beside it."""
     found = []
     for path in searched_files(root):
-        if path.suffix == ".py":
-            texts = _comments(_text(path))
-            lines = [line for line, text in texts if _has_id(text) and len(_WORD.findall(text)) < MIN_WORDS]
+        source = _text(path)
+        if path.suffix == ".py" and _has_id(source):
+            lines = [line for line, text in _comments(source) if _has_id(text) and len(_WORD.findall(text)) < MIN_WORDS]
             found += [f"{path.relative_to(root).as_posix()}:{line}" for line in lines]
     return found
 

@@ -138,6 +138,6 @@ CAMPAIGN = Campaign(
     unit="states",
     evidence_for=("I1",),
     full_budget=2_000_000,
-    ci_budget=60_000,
+    ci_budget=20_000,
     run=run,
 )
