@@ -247,7 +247,7 @@ def test_a_read_that_does_not_wait_in_a_quarantine_fails_where_a_sync_probe_prov
     script = make_script(station)
     script.submit(read_request(), "first")
     script.result("first")
-    script.core._mark_suspect(script.core.stations[1], script.now)
+    script.core.scheduler.mark_suspect(script.core.stations[1], script.now)
     monkeypatch.setattr("drivebus.bus.core._matches_older_request", lambda transaction: True)
     script.submit(replace(read_request(), waits_in_quarantine=waits), "second")
     script.run_until(script.now + TIMING.max_reply_lateness_s + TIMEOUT)

@@ -155,8 +155,7 @@ def test_after_four_urgent_frames_a_sync_probe_has_its_turn_only_when_due() -> N
     first, other = station(), station(2)
     urgent = [make_read(first) for _ in range(12)]
     scheduler = filled(*urgent)
-    other.mark_suspect(0.0)
-    scheduler.mark_suspect(other)
+    scheduler.mark_suspect(other, 0.0)
     assert taken(scheduler, 5) == urgent[:5]
     due = other.quarantined_until
     assert scheduler.next(due) is scheduler._pending_sync_probes[other]
@@ -293,9 +292,8 @@ def test_the_sync_probe_that_has_been_due_longest_goes_first() -> None:
     first, second, third = station(), station(2), station(3)
     scheduler = Scheduler(SETTINGS)
     for at, each in ((0.3, first), (0.1, second), (0.2, third)):
-        each.mark_suspect(at)
-        scheduler.mark_suspect(each)
-        scheduler.mark_suspect(each)
+        scheduler.mark_suspect(each, at)
+        scheduler.mark_suspect(each, at)
     assert len(scheduler.untrusted_stations) == 3
     assert scheduler.next(0.0) is None and scheduler.next_wake_at == second.quarantined_until
     probe = scheduler.next(10.0)
@@ -315,8 +313,7 @@ def test_a_silent_station_is_probed_when_its_pause_and_the_budget_allow_it() -> 
     silent, suspect = station(), station(2)
     scheduler = Scheduler(SETTINGS)
     for each in (silent, suspect):
-        each.mark_suspect(0.0)
-        scheduler.mark_suspect(each)
+        scheduler.mark_suspect(each, 0.0)
     silent.mark_offline(0.0)
     assert silent.next_probe_at == 1.0 > suspect.quarantined_until
     probe = scheduler.next(5.0)
@@ -494,11 +491,10 @@ def test_the_most_overdue_poll_goes_first_after_others_were_cancelled() -> None:
 def test_a_station_registered_again_gets_a_new_sync_probe() -> None:
     """The waiting probe of the removed one may be of another model."""
     target, scheduler = station(), Scheduler(SETTINGS)
-    target.mark_suspect(0.0)
-    scheduler.mark_suspect(target)
+    scheduler.mark_suspect(target, 0.0)
     waiting = scheduler.next(10.0)
     assert waiting is not None and scheduler.next(10.0) is waiting
     scheduler.remove_station(target)
-    scheduler.mark_suspect(target)
+    scheduler.mark_suspect(target, 0.0)
     fresh = scheduler.next(10.0)
     assert fresh is not None and fresh.is_sync_probe and fresh is not waiting

@@ -8,7 +8,7 @@ import pytest
 
 from drivebus.bus import TraceKind
 from drivebus.bus.echo import EchoState
-from drivebus.bus.unsolicited import MAX_UNSOLICITED_BYTES, UnsolicitedBytes
+from drivebus.bus.unsolicited import MAX_UNSOLICITED_BYTES
 from drivebus.errors import LineError, NoReply
 from drivebus.protocols import modbus
 from drivebus.testing.bus_script import BusScript
@@ -230,20 +230,24 @@ def test_our_own_frame_with_a_byte_behind_it_is_no_foreign_request() -> None:
 
 
 def test_a_foreign_master_is_two_requests_of_the_last_minute_and_no_older_ones_are_kept() -> None:
-    unsolicited = UnsolicitedBytes()
+    unsolicited = make_core(1).unsolicited
     for at in (1000.0, 1010.0, 1020.0):
-        unsolicited.record_foreign_request(at)
+        unsolicited.add(READ_OF_STRANGER, at)
+        unsolicited.classify_buffer(at + 0.01)
     assert unsolicited.has_foreign_master(1070.0) and not unsolicited.has_foreign_master(1070.001)
     assert unsolicited._foreign_request_times == [1010.0, 1020.0]
 
 
 def test_at_most_512_unsolicited_bytes_are_kept_and_a_piece_is_joined_for_50_ms() -> None:
-    unsolicited = UnsolicitedBytes()
+    unsolicited = make_core(1).unsolicited
     unsolicited.add(bytes(1000), 1.0)
-    assert len(unsolicited.drain()) == MAX_UNSOLICITED_BYTES == 512
-    unsolicited.keep_fragment(b"\x01", 2.0)
-    assert unsolicited.join_fragment(b"\x02", 2.0499) == b"\x01\x02"
-    assert unsolicited.join_fragment(b"\x02", 2.0501) == b""
+    assert len(unsolicited.buffer) == MAX_UNSOLICITED_BYTES == 512
+    unsolicited.reset()
+    for pause_s, kind in ((0.0499, TraceKind.FOREIGN_REQUEST), (0.0501, TraceKind.UNSOLICITED)):
+        unsolicited.add(READ_OF_STRANGER[:3], 2.0)
+        unsolicited.classify_buffer(2.0)
+        unsolicited.add(READ_OF_STRANGER[3:], 2.0 + pause_s)
+        assert [event.kind for event in unsolicited.classify_buffer(2.1)] == [kind]
 
 
 def test_a_station_that_answers_slowly_is_given_half_a_second_for_the_reply_to_another_master() -> None:

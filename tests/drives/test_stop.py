@@ -251,7 +251,7 @@ def test_a_stop_is_repeated_while_the_bus_holds_reads_back(
             drive = bench.drive()
             await drive.run(SAFE_HZ[model])
             station = bench.bus.core.stations[1]
-            bench.bus.core._mark_suspect(station, bench.bus.now())
+            bench.bus.core.scheduler.mark_suspect(station, bench.bus.now())
             station.quarantined_until = bench.bus.now() + (0.0 if read_queued else 5.0)
             stops: list[float] = []
             bench.bus.trace(lambda event: stops.append(event.time) if is_stop(station, event) else None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from drivebus.bus import prepared_request
 from drivebus.bus.core import BusCore
 from drivebus.bus.echo import EchoDetector
 from drivebus.bus.station import Station, StationEvent
+from drivebus.bus.trace import TraceEvent
 from drivebus.bus.transaction import Transaction
 from drivebus.bus.unsolicited import UnsolicitedBytes
 from drivebus.drives import Drive, bus_stop, permissives
@@ -101,11 +102,14 @@ def nothing(*_: Any, **__: Any) -> None:
     return None
 
 
-def forget(core: BusCore, now: float) -> None:
-    core.unsolicited.drain()
+def forget(unsolicited: UnsolicitedBytes, now: float) -> list[TraceEvent]:
+    unsolicited.reset()
+    return []
 
 
-def anything_goes(core: BusCore, one: prepared_request.PreparedRequest) -> prepared_request.PreparedRequest:
+def anything_goes(
+    one: prepared_request.PreparedRequest, stations: Mapping[int, Station]
+) -> prepared_request.PreparedRequest:
     one.effect = Effect.STOP
     return one
 
@@ -212,7 +216,7 @@ PLANTED_FAULTS: list[tuple[str, str, PlantedFault]] = [
     (
         "late_same_item/df800-ascii",
         "late answers uncounted",
-        replace_attribute(BusCore, "_classify_unsolicited", forget),
+        replace_attribute(UnsolicitedBytes, "classify_buffer", forget),
     ),
     ("late_other_item/vc660", "no doubt", replace_attribute(Station, "mark_suspect", nothing)),
     ("other_address/c320-hex", "no foreign master", replace_attribute(UnsolicitedBytes, "has_foreign_master", says_no)),
@@ -250,7 +254,7 @@ PLANTED_FAULTS: list[tuple[str, str, PlantedFault]] = [
     ),
     ("duplicate_address/dzb100", "no alarm", replace_attribute(Station, "has_duplicate_address", says_no)),
     ("foreign_master/df800-ascii", "no alarm", replace_attribute(UnsolicitedBytes, "has_foreign_master", says_no)),
-    ("broadcast_other/c320-ascii", "no rule", replace_attribute(BusCore, "_check_broadcast", anything_goes)),
+    ("broadcast_other/c320-ascii", "no rule", replace_attribute(prepared_request, "_check_broadcast", anything_goes)),
     ("broadcast_stop/vc660", "no verification", replace_attribute(bus_stop, "_stop", taken_for_stopped)),
     ("cut_last_byte/c320-ascii", "nobody is silent", replace_attribute(Station, "mark_offline", nothing)),
     ("batches/c320-ascii", "no allowance", replace_attribute(StationTiming, "timeout_s", without_adapter)),

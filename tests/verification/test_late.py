@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from drivebus.bus import core as bus_core
-from drivebus.bus.core import BusCore
+from drivebus.bus.scheduler import Scheduler
 from drivebus.bus.station import Station
 from drivebus.drives.dialects.modbus import ModbusDialect
 from verification.campaign import CampaignRun, run_campaign
@@ -63,7 +63,7 @@ def test_a_baseline_host_accepts_wrong_replies(variant: DriveVariant, monkeypatc
     assert counts["accepted"] > counts["misattributed"]
 
 
-def never_suspect(self: BusCore, station: Station, now: float) -> None:
+def never_suspect(self: Scheduler, station: Station, now: float) -> None:
     """Planted fault: a missing reply does not make the station suspect."""
 
 
@@ -74,7 +74,7 @@ def test_a_bus_without_quarantine_and_sync_probe_is_found(
     variant: DriveVariant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     many_late_replies(monkeypatch)
-    monkeypatch.setattr(BusCore, "_mark_suspect", never_suspect)
+    monkeypatch.setattr(Scheduler, "mark_suspect", never_suspect)
     campaign_run, _ = run_bus(variant, 1500)
     assert any("I5" in text for text in campaign_run.violations)
     assert any("wrong reply" in text for text in campaign_run.violations)
@@ -84,7 +84,7 @@ def test_a_bus_without_quarantine_and_sync_probe_is_found(
 def test_a_late_reply_with_the_same_item_is_found(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the reply repeats the item, an older reply with the same item is still a wrong one."""
     many_late_replies(monkeypatch)
-    monkeypatch.setattr(BusCore, "_mark_suspect", never_suspect)
+    monkeypatch.setattr(Scheduler, "mark_suspect", never_suspect)
     variant = VARIANTS_BY_NAME[name]
     monkeypatch.setattr(late, "similar_reads", lambda variant, address: one_question(variant, address))
     campaign_run, _ = run_bus(variant, 6000)

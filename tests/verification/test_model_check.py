@@ -161,6 +161,11 @@ def test_a_copy_is_independent() -> None:
         assert one.state_key() == before
 
 
+def test_a_copied_bus_looks_up_the_sender_of_unsolicited_bytes_among_its_own_stations() -> None:
+    core = core_copy.copy_core(GateState(model_subject("vc660", CommandKind.START, COARSE)).core)
+    assert core.unsolicited._stations is core.stations and core.unsolicited._scheduler is core.scheduler
+
+
 def test_the_same_search_gives_the_same_digest() -> None:
     def digest() -> str:
         search = StateSearch(model_subject("df800", CommandKind.JOG, COARSE), SearchDomain(rare=False, small=True), 400)

@@ -12,7 +12,7 @@ import pytest
 from drivebus.bus.core import BusCore
 from drivebus.bus.messages import Permit
 from drivebus.bus.scheduler import Scheduler
-from drivebus.bus.station import UnansweredRequest
+from drivebus.bus.station import Station, UnansweredRequest
 from drivebus.bus.transaction import Transaction
 from drivebus.drives.context import EepromBudget
 from drivebus.drives.operations.context import OperationContext
@@ -190,7 +190,7 @@ def _refreshed(status: DriveStatus, now: float) -> DriveStatus:
 
 def test_i5_an_accepted_late_reply_is_found(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without quarantine and sync probe a late reply is accepted for the next request of its form."""
-    monkeypatch.setattr("drivebus.bus.core.BusCore._mark_suspect", lambda core, station, now: None)
+    monkeypatch.setattr("drivebus.bus.scheduler.Scheduler.mark_suspect", lambda scheduler, station, now: None)
     monkeypatch.setattr("drivebus.bus.station.Station.mark_suspect", lambda station, now: None)
     monkeypatch.setattr("drivebus.bus.core.BusCore._reject_reason", lambda core, transaction: None)
     scenario = make_scenario(campaign_run, VC660, (1,), line_quality="late=0.2:0.3")
@@ -379,9 +379,9 @@ def test_i12_an_unlimited_memory_of_requests_is_found(
 ) -> None:
     remembered: list[Any] = []
     monkeypatch.setattr(
-        BusCore,
-        "_remember_unanswered",
-        lambda core, station, request, tx_end_at, now: remembered.append(UnansweredRequest(now, request, now)),
+        Station,
+        "remember_unanswered",
+        lambda station, request, tx_end_at, now: remembered.append(UnansweredRequest(now, request, now)),
     )
     scenario = make_scenario(campaign_run, line_quality="loss=0.1")
     scenario.bus.core.stations[1].unanswered_requests = remembered

@@ -28,6 +28,7 @@ SHARED_ATTRIBUTES = frozenset(
         "last_request",
         "codec",
         "counters",
+        "_counters",
         "error",
         "settings",
         "_settings",
@@ -171,6 +172,10 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
         "last_byte_at": "",
         "_fragment": "fragment",
         "_fragment_at": "",
+        "_stations": "",
+        "_scheduler": "",
+        "_counters": "",
+        "_settings": "",
     },
     SilenceTimeout: {"_started_at": "", "_settings": ""},
     PollSchedule: {"heap": "", "_count": "", "_phase_count": "", "suspended": ""},
@@ -226,7 +231,11 @@ def _copy_object(thing: Any, memo: dict[int, Any]) -> Any:
     if kind is tuple:
         return tuple([_copy_object(item, memo) for item in thing])
     if kind is dict:
-        return {_copy_object(key, memo): _copy_object(item, memo) for key, item in thing.items()}
+        copied = memo.get(id(thing))
+        if copied is None:
+            copied = memo[id(thing)] = {}
+            copied.update({_copy_object(key, memo): _copy_object(item, memo) for key, item in thing.items()})
+        return copied
     return bytearray(thing) if kind is bytearray else thing
 
 

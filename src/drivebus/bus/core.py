@@ -11,7 +11,8 @@ returns the commands to execute, in order: ``Send``, ``DeliverResult``, ``EmitTr
 A ``Transaction`` begins with our frame and ends when its reply has been followed by the gap of silence, or at its
 deadline. A failed one makes its station suspect (see the table of states in ``station``): a late reply may be on its
 way, so the station is left alone for a quarantine and must then answer a sync probe, a harmless request whose reply
-can't be the late reply to an older request. Bytes outside a transaction are classified and counted, never applied.
+can't be the late reply to an older request. Bytes outside a transaction are classified and counted, never applied
+(``unsolicited``).
 
 Safety argument
 ---------------
@@ -24,7 +25,7 @@ Which code decides that a frame may be sent:
    this station and this effect, not expired and of the current stop epoch, and a start inhibit refuses every motion
    (``drives.permissives`` grants no permit at all then). Polls and sync probes only read: ``start_polling`` and
    ``add_station`` check that.
-4. Effect and addressed station are decoded from the encoded bytes (``_prepare``), not taken from the caller.
+4. Effect and addressed station are decoded from the encoded bytes (``prepare``), not taken from the caller.
 5. A stop needs no permit. ``submit`` queues it at once; it removes the commands that it overtakes and raises the stop
    epoch, which voids every permit granted before.
 
@@ -48,8 +49,9 @@ Why no late reply can be credited to another request:
 9. A suspect station gets only stops, whose replies are not accepted, until its quarantine has passed: the maximum
    reply lateness of its model (``[timing]`` of the profile).
 10. The reply to another master's request could pass for one to ours. While it is due, only stops are sent. One that
-   does not come, or that a stop does not wait for, makes its station suspect (``_end_foreign_request``), and so does a
-   request whose last bytes came while we sent, because the adapter delivered it in two pieces.
+    does not come, or that a stop does not wait for, makes its station suspect
+    (``UnsolicitedBytes.end_foreign_request``), and so does a request whose last bytes came while we sent, because the
+    adapter delivered it in two pieces.
 11. The reply to its sync probe must not match any unanswered request of the last ``ANY_REPLY_LATENESS_S``
     (``_matches_older_request``). A station replies in order, so no older reply is on its way then.
 """
@@ -65,32 +67,23 @@ from drivebus.bus.echo import EchoDetector
 from drivebus.bus.failure_reason import (
     copy_error,
     failure_reason,
-    late_reply,
-    late_reply_to_last_request,
     shows_a_reply,
 )
 from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, StationConfig
-from drivebus.bus.prepared_request import Poll, PreparedPoll, PreparedRequest
+from drivebus.bus.prepared_request import Poll, PreparedPoll, PreparedRequest, prepare
 from drivebus.bus.scheduler import NEVER, Scheduler
 from drivebus.bus.silence_timeout import SILENCE_TIMEOUT_S, SilenceTimeout
-from drivebus.bus.station import Presence, Station, StationHealth, StationState, UnansweredRequest
+from drivebus.bus.station import Presence, Station, StationHealth, StationState
 from drivebus.bus.statistics import BusStatistics, Counters, RecentActivity, bus_snapshot, merge_counters
 from drivebus.bus.trace import TraceEvent, TraceKind
 from drivebus.bus.transaction import Transaction
 from drivebus.bus.unsolicited import (
     UnsolicitedBytes,
-    UnsolicitedFrame,
-    classify,
-    decode_request_prefix,
-    foreign_request_to,
-    is_late_reply,
 )
 from drivebus.errors import (
-    AddressError,
     ConfigurationError,
     LineError,
     NoReply,
-    NotPermitted,
     PortLost,
     Superseded,
     TrailingError,
@@ -136,10 +129,10 @@ class BusCore:
         """Removed stations; one that is registered again inherits its stop epoch and start inhibit from here."""
         self.all_starts_inhibited = False
         self.scheduler = Scheduler(settings)
-        self.unsolicited = UnsolicitedBytes()
         self.echo = EchoDetector(echo)
         self.counters = Counters()
         """Counters of events that belong to no station."""
+        self.unsolicited = UnsolicitedBytes(self.stations, self.scheduler, self.counters, settings)
         self.activity = RecentActivity()
         self.transaction: Transaction | None = None
         """The open transaction, at most one."""
@@ -234,7 +227,7 @@ class BusCore:
 
     def submit(self, bus_request: BusRequest, token: Any, now: float) -> list[CoreCommand]:
         """Queue one transaction; its result comes as DeliverResult. Raises ValueError for a request out of range."""
-        prepared = self._prepare(bus_request, token)
+        prepared = prepare(bus_request, token, self.stations, self.settings)
         if not isinstance(prepared, PreparedRequest):
             return self._reject(bus_request, token, prepared)
         if not self.is_open:
@@ -278,43 +271,6 @@ class BusCore:
         self._withdraw(token)
         return self._advance(now)
 
-    def _prepare(self, bus_request: BusRequest, token: Any) -> PreparedRequest | NotPermitted:
-        """Encode a request, or return why it is not permitted. Raises ValueError for a field out of range.
-
-        The address in the bytes must be the requested station: a permit for one drive can't move another.
-        """
-        station = self.stations.get(bus_request.station)
-        if station is None:
-            sender = next(
-                (other for other in self.stations.values() if other.codec.broadcast_address == bus_request.station),
-                None,
-            )
-            if sender is None:
-                return NotPermitted("bus.unregistered", station=bus_request.station)
-            return self._check_broadcast(PreparedRequest(bus_request, token, sender, self.settings))
-        prepared = PreparedRequest(bus_request, token, station, self.settings)
-        if prepared.is_broadcast:
-            return self._check_broadcast(prepared)
-        if prepared.cacheable:
-            return prepared
-        addressed = station.codec.address_of(bus_request.request)
-        if addressed != bus_request.station:
-            return NotPermitted("bus.other_station", station=bus_request.station, found=addressed)
-        return prepared
-
-    def _check_broadcast(self, prepared: PreparedRequest) -> PreparedRequest | NotPermitted:
-        """Permit only a broadcast that is a stop to every station on the bus.
-
-        The same command word may stop one model and start another (register 2000H of VC660 and DF800).
-        """
-        for station in self.stations.values():
-            effect = station.config.effect_of(prepared.data)
-            if effect is not Effect.STOP:
-                return NotPermitted("bus.broadcast", station=station.address, effect=effect.value)
-        if not prepared.is_broadcast:
-            return NotPermitted("bus.broadcast_answered", station=prepared.bus_request.station)
-        return prepared
-
     def _withdraw(self, token: Any) -> None:
         """Remove requests from the queues; the one on the wire gets no further attempt. A stop stays."""
         self.scheduler.remove_if(lambda prepared: prepared.token is token and prepared.effect is not Effect.STOP)
@@ -336,8 +292,7 @@ class BusCore:
         self.first_opened_at = now if self.first_opened_at is None else self.first_opened_at
         self._silent_since = max(now, self._silent_since)  # our last frame may still be on its way out
         self.echo.reset()
-        self.unsolicited.drain()
-        self.unsolicited.foreign_request = None
+        self.unsolicited.reset()
         for station in self.stations.values():
             station.probe_backoff_s = station.next_probe_at = 0.0
         return self._advance(now)
@@ -355,7 +310,7 @@ class BusCore:
             station.stop_epoch += 1
             station.contact_losses += 1
             station.failure_reason = station.earlier_failure_reason = station.unusable_reply = None
-            self._mark_suspect(station, now)
+            self.scheduler.mark_suspect(station, now)
         self._silence_timeout.reset()
         return self._advance(now)
 
@@ -407,7 +362,7 @@ class BusCore:
         """Choose a frame, wait for the gap, send. Each wake-up chooses again, so a stop is always sent first."""
         foreign = self.unsolicited.foreign_request
         if foreign is not None and now >= foreign.reply_until and not self.unsolicited.buffer:
-            self._end_foreign_request(now)
+            self.unsolicited.end_foreign_request(now)
             foreign = None
         prepared = self.scheduler.next(now)
         while self.scheduler.rejected:
@@ -425,7 +380,9 @@ class BusCore:
             self.wake_at = at if prepared is None else min(at, self._silence_timeout.deadline(prepared, now))
             return
         if unsolicited:
-            self._classify_unsolicited(now)
+            for event in self.unsolicited.classify_buffer(now):
+                self.echo.record_repeat(event.data)
+                self._trace(event)
             self._send_next(now)  # the bytes may have made a station suspect: choose again
         elif prepared is None:
             self._silence_timeout.reset()
@@ -438,7 +395,7 @@ class BusCore:
     def _send(self, prepared: PreparedRequest, now: float) -> None:
         """Send a frame and open its transaction. The only place where a frame leaves."""
         if self.unsolicited.foreign_request is not None:
-            self._end_foreign_request(now)
+            self.unsolicited.end_foreign_request(now)
         self.scheduler.on_sent(prepared, now)
         self._silence_timeout.reset()
         prepared.attempts += 1
@@ -493,7 +450,6 @@ class BusCore:
         self._record_bus_time(transaction, now)
         if transaction.bytes_before_tx_end or transaction.foreign_frames:
             self._record_extra_bytes(transaction, now)
-            self._detect_overlapping_request(transaction, now)
         prepared = transaction.prepared
         station = prepared.station
         station.last_request_answered = transaction.received_count >= prepared.reply_bytes
@@ -564,10 +520,8 @@ class BusCore:
         prepared, station = transaction.prepared, transaction.prepared.station
         self._count_failure(transaction, error, now)
         reason = failure_reason(transaction, error)
-        self._remember_unanswered(
-            transaction.prepared.station, transaction.prepared.request, transaction.tx_end_at, now
-        )
-        self._detect_foreign_request(transaction, error, now)
+        station.remember_unanswered(prepared.request, transaction.tx_end_at, now)
+        self._trace(*self.unsolicited.detect_foreign_request(transaction, error, now))
         received = transaction.received_count > 0 or reason is not error
         if self.stations.get(station.address) is not station:  # removed meanwhile
             self._complete(prepared, error, transaction)
@@ -581,7 +535,7 @@ class BusCore:
         else:
             if not (transaction.is_damaged_reply(error) and self._no_late_reply_due(now)):
                 station.failure_reason = reason if received else None
-                self._mark_suspect(station, now)
+                self.scheduler.mark_suspect(station, now)
             if station.state.presence is Presence.NEVER_SEEN and isinstance(error, NoReply):
                 station.mark_offline(now)
             if self._may_retry(prepared):
@@ -611,7 +565,7 @@ class BusCore:
         error = bytes_error or NoReply("bus.offline", station=station.address)
         station.unusable_reply = bytes_error if shows_a_reply(bytes_error) else None
         station.earlier_failure_reason, station.failure_reason = station.failure_reason, None
-        self._mark_suspect(station, now)
+        self.scheduler.mark_suspect(station, now)
         if station.state.is_unreachable:
             self.scheduler.probe_budget.spend(now - transaction.sent_at + station.gap_s, now)
         station.mark_offline(now)
@@ -643,17 +597,6 @@ class BusCore:
     def _no_late_reply_due(self, now: float) -> bool:
         """Return whether each suspicion of the last 5 s, of any station, was refuted by a sync probe."""
         return all(now - station.suspect_since > ANY_REPLY_LATENESS_S for station in self.stations.values())
-
-    def _remember_unanswered(self, station: Station, request: Any, tx_end_at: float, now: float) -> None:
-        """Record that the reply may still come, also where another frame was received and rejected in its place."""
-        pending = [entry for entry in station.unanswered_requests if entry.until > now]
-        unanswered = UnansweredRequest(now + ANY_REPLY_LATENESS_S, request, tx_end_at)
-        station.unanswered_requests = [*pending, unanswered]
-
-    def _mark_suspect(self, station: Station, now: float) -> None:
-        """Quarantine a station whose late reply may be on its way, and schedule its sync probe."""
-        station.mark_suspect(now)
-        self.scheduler.mark_suspect(station)
 
     def _mark_online(self, station: Station, now: float, *, verified: bool) -> None:
         """End the quarantine of a station that has answered its sync probe."""
@@ -695,8 +638,9 @@ class BusCore:
                 return
         self._commands.append(DeliverResult(prepared.token, result))
 
-    def _trace(self, event: TraceEvent) -> None:
-        self._commands.append(EmitTrace(event))
+    def _trace(self, *events: TraceEvent) -> None:
+        if self.tracing:
+            self._commands += map(EmitTrace, events)
 
     def _record_bus_time(self, transaction: Transaction, now: float) -> None:
         """Count the time of both frames on the wire, and the time for which the bus was occupied."""
@@ -705,6 +649,15 @@ class BusCore:
         wire_s = transaction.prepared.send_s + received * self.character_s
         self.activity.add(now, wire_s, now - transaction.sent_at, counters)
         counters.bytes_received += transaction.received_count
+
+    def _record_extra_bytes(self, transaction: Transaction, now: float) -> None:
+        """Count the bytes of a transaction that do not belong to its reply."""
+        early = transaction.bytes_before_tx_end
+        if early:
+            self.counters.count_event(TraceKind.BEFORE_TX_END.value, len(early))
+            self._trace(TraceEvent(time=transaction.tx_end_at, kind=TraceKind.BEFORE_TX_END, data=early))
+        self._trace(*self.unsolicited.record_foreign_frames(transaction, now))
+        self._trace(*self.unsolicited.detect_overlapping_request(transaction, now))
 
     def _count_failure(self, transaction: Transaction, error: Exception, now: float) -> None:
         prepared, station = transaction.prepared, transaction.prepared.station
@@ -734,153 +687,6 @@ class BusCore:
                     attempt=prepared.attempts,
                 )
             )
-
-    # --- unsolicited bytes ---------------------------------------------------------------------------------------
-
-    def _classify_unsolicited(self, now: float) -> None:
-        """Classify and count the bytes received outside a transaction, the bus being silent."""
-        received_at = self.unsolicited.last_byte_at
-        data = self._join_split_request(self.unsolicited.drain(), received_at)
-        foreign = self.unsolicited.foreign_request
-        if foreign is not None and received_at > foreign.reply_until:
-            self._end_foreign_request(now)
-        after_foreign_request = False
-        while data:
-            frame = classify(
-                data,
-                self.stations.values(),
-                after_foreign_request=after_foreign_request,
-                foreign_request=self.unsolicited.foreign_request,
-            )
-            after_foreign_request = frame.kind is TraceKind.FOREIGN_REQUEST
-            if after_foreign_request:
-                self._record_foreign_request(data, received_at, now)
-            elif frame.kind is TraceKind.FOREIGN:
-                self.unsolicited.foreign_request = None
-            elif frame.kind is TraceKind.UNSOLICITED:
-                self.unsolicited.keep_fragment(data, received_at)
-            self.echo.record_repeat(data[: frame.size])
-            self._record_unsolicited(frame, data, received_at, now)
-            data = data[frame.size :]
-
-    def _join_split_request(self, data: bytes, received_at: float) -> bytes:
-        """Return the bytes, with those before them where only both together are a request of another master."""
-        joined = self.unsolicited.join_fragment(data, received_at)
-        stations = self.stations.values()
-        if not joined or classify(data, stations, after_foreign_request=False).kind is not TraceKind.UNSOLICITED:
-            return data
-        is_request = classify(joined, stations, after_foreign_request=False).kind is TraceKind.FOREIGN_REQUEST
-        return joined if is_request else data
-
-    def _record_foreign_request(self, data: bytes, received_at: float, now: float) -> None:
-        """Record the request of another master at the start of ``data``, whose reply is due from now on."""
-        self._end_foreign_request(now)
-        self.unsolicited.record_foreign_request(received_at)
-        requests = (foreign_request_to(station, data, received_at, self.settings) for station in self.stations.values())
-        self.unsolicited.foreign_request = next((request for request in requests if request is not None), None)
-
-    def _end_foreign_request(self, now: float) -> None:
-        """Mark the station suspect that may still reply to another master."""
-        foreign, self.unsolicited.foreign_request = self.unsolicited.foreign_request, None
-        station = None if foreign is None else self.stations.get(foreign.address)
-        if foreign is not None and station is not None:
-            self._remember_unanswered(station, foreign.request, foreign.received_at, now)
-            self._mark_suspect(station, now)
-
-    def _record_extra_bytes(self, transaction: Transaction, now: float) -> None:
-        """Count the bytes of a transaction that do not belong to its reply."""
-        early = transaction.bytes_before_tx_end
-        if early:
-            self.counters.count_event(TraceKind.BEFORE_TX_END.value, len(early))
-            if self.tracing:
-                self._trace(TraceEvent(time=transaction.tx_end_at, kind=TraceKind.BEFORE_TX_END, data=early))
-        for data, error in transaction.foreign_frames or ():
-            self._record_foreign_frame(data, error, transaction.last_byte_at or now, now)
-
-    def _record_foreign_frame(self, data: bytes, error: AddressError, received_at: float, now: float) -> None:
-        """Count a complete frame of another station: late where a reply is due, else the reply to a foreign master."""
-        station = self.stations.get(error.found) if isinstance(error.found, int) else None
-        late = station is not None and station.state.is_suspect
-        if station is None:
-            self.unsolicited.record_foreign_request(now)
-        kind = TraceKind.LATE if late else TraceKind.FOREIGN
-        self._record_unsolicited(UnsolicitedFrame(kind, station, None, len(data)), data, received_at, now)
-
-    def _detect_foreign_request(self, transaction: Transaction, error: Exception, now: float) -> None:
-        """Count a request of another master that was received in place of a reply, or right after it.
-
-        Our own frame is excluded.
-        """
-        data, prepared = bytes(transaction.buffer), transaction.prepared
-        if isinstance(error, TrailingError) and isinstance(error.expected, int):
-            data = data[error.expected :]
-        request = decode_request_prefix(prepared.codec, data)
-        if request is None:
-            data = self.unsolicited.join_fragment(data, transaction.sent_at)
-            request = decode_request_prefix(prepared.codec, data)
-        if request is None or data[: request.size] == prepared.data:
-            return
-        if prepared.station.decode_reply_to(prepared.request, data) is not None:
-            return  # its own reply, with stray bytes or not trusted: one of Huanyang HY has the form of a request
-        kind, station, frame = TraceKind.FOREIGN_REQUEST, None, data[: request.size]
-        if is_late_reply(prepared.station, request.message, frame):
-            kind, station = TraceKind.LATE, prepared.station
-        elif frame == prepared.station.last_frame:
-            kind, station = TraceKind.DUPLICATE, prepared.station
-        else:
-            self._record_foreign_request(data, transaction.last_byte_at or now, now)
-        is_alone = len(data) == request.size
-        # Bytes after it may have come after a pause. Then only its earliest time is known, which overstates no delay.
-        received_at = transaction.last_byte_at or now if is_alone else transaction.tx_end_at
-        self._record_unsolicited(UnsolicitedFrame(kind, station, request.message, request.size), data, received_at, now)
-
-    def _detect_overlapping_request(self, transaction: Transaction, now: float) -> None:
-        """Count a request of another master whose end was received while we sent: the reply may be that to it."""
-        data = self.unsolicited.join_fragment(transaction.bytes_before_tx_end, transaction.sent_at)
-        request = decode_request_prefix(transaction.prepared.codec, data)
-        if request is not None:
-            self._record_foreign_request(data, transaction.sent_at, now)
-            self._end_foreign_request(now)
-            frame = UnsolicitedFrame(TraceKind.FOREIGN_REQUEST, None, request.message, request.size)
-            self._record_unsolicited(frame, data, transaction.sent_at, now)
-
-    def _record_unsolicited(self, frame: UnsolicitedFrame, data: bytes, received_at: float, now: float) -> None:
-        """Count the frame at the start of ``data``; a second or a foreign reply makes its station suspect."""
-        kind, station, data = frame.kind, frame.station, data[: frame.size]
-        self.counters.count_event(kind.value)
-        if station is not None:
-            station.counters.count_event(kind.value)
-            # A late reply after a complete one counts as a duplicate where the station has sent a duplicate before.
-            late_duplicate = (
-                kind is TraceKind.LATE and station.last_request_answered and station.has_duplicate_address(now, 1)
-            )
-            if kind is TraceKind.DUPLICATE or late_duplicate:
-                station.record_duplicate_reply(now)
-            if kind is TraceKind.LATE:
-                station.last_frame = data
-                station.failure_reason = (
-                    late_reply(station, data, received_at)
-                    or late_reply_to_last_request(station, data, received_at)
-                    or station.failure_reason
-                )
-            if kind is TraceKind.DUPLICATE or (kind is TraceKind.FOREIGN and frame.message is None):
-                self._mark_suspect(station, now)
-        elif kind is TraceKind.UNSOLICITED:
-            self._attribute_to_suspects(data, received_at)
-        if self.tracing:
-            address = None if station is None else station.address
-            self._trace(TraceEvent(time=received_at, kind=kind, data=data, station=address, message=frame.message))
-
-    def _attribute_to_suspects(self, data: bytes, received_at: float) -> None:
-        """Record bytes of an unknown sender as the failure of each suspect station, which may have sent them late."""
-        for station in self.stations.values():
-            if not station.state.is_suspect:
-                continue
-            late = late_reply(station, data, received_at)
-            if late is not None:
-                station.failure_reason = late
-            elif station.failure_reason is None:
-                station.failure_reason = NoReply("bus.offline_bytes", station=station.address)
 
 
 def _matches_older_request(transaction: Transaction) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -124,6 +125,46 @@ class PreparedRequest:
         if effect is MOTION and station.start_inhibited:
             return NotPermitted("bus.start_inhibited", station=address)
         return None
+
+
+def prepare(
+    bus_request: BusRequest, token: Any, stations: Mapping[int, Station], settings: SerialSettings
+) -> PreparedRequest | NotPermitted:
+    """Encode a request, or return why it is not permitted. Raises ValueError for a field out of range.
+
+    The address in the bytes must be the requested station: a permit for one drive can't move another.
+    """
+    station = stations.get(bus_request.station)
+    if station is None:
+        sender = next(
+            (other for other in stations.values() if other.codec.broadcast_address == bus_request.station), None
+        )
+        if sender is None:
+            return NotPermitted("bus.unregistered", station=bus_request.station)
+        return _check_broadcast(PreparedRequest(bus_request, token, sender, settings), stations)
+    prepared = PreparedRequest(bus_request, token, station, settings)
+    if prepared.is_broadcast:
+        return _check_broadcast(prepared, stations)
+    if prepared.cacheable:
+        return prepared
+    addressed = station.codec.address_of(bus_request.request)
+    if addressed != bus_request.station:
+        return NotPermitted("bus.other_station", station=bus_request.station, found=addressed)
+    return prepared
+
+
+def _check_broadcast(prepared: PreparedRequest, stations: Mapping[int, Station]) -> PreparedRequest | NotPermitted:
+    """Permit only a broadcast that is a stop to every station on the bus.
+
+    The same command word may stop one model and start another (register 2000H of VC660 and DF800).
+    """
+    for station in stations.values():
+        effect = station.config.effect_of(prepared.data)
+        if effect is not STOP:
+            return NotPermitted("bus.broadcast", station=station.address, effect=effect.value)
+    if not prepared.is_broadcast:
+        return NotPermitted("bus.broadcast_answered", station=prepared.bus_request.station)
+    return prepared
 
 
 def priority_of(bus_request: BusRequest, effect: Effect) -> RequestPriority:

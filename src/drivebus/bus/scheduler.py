@@ -237,8 +237,9 @@ class Scheduler:
         if station in self.untrusted_stations:
             self.untrusted_stations.remove(station)
 
-    def mark_suspect(self, station: Station) -> None:
-        """Schedule sync probes for a station."""
+    def mark_suspect(self, station: Station, now: float) -> None:
+        """Quarantine a station whose late reply may be on its way, and schedule its sync probe."""
+        station.mark_suspect(now)
         if station not in self.untrusted_stations:
             self.untrusted_stations.append(station)
 

@@ -26,7 +26,7 @@ from drivebus.bus.statistics import Counters
 from drivebus.bus.usual_delay import UsualDelay
 from drivebus.errors import ProtocolError
 from drivebus.protocols.codec import DecodedFrame, Effect, Incomplete
-from drivebus.serial_settings import SerialSettings
+from drivebus.serial_settings import ANY_REPLY_LATENESS_S, SerialSettings
 
 MIN_PROBE_INTERVAL_S = 1.0  # first pause between sync probes to a station that does not reply; doubles each time
 MAX_PROBE_INTERVAL_S = 55.0  # with the wait for its turn on the slowest bus a returning drive is found within 60 s
@@ -347,6 +347,11 @@ class Station:
             return request
         self.sync_probe_count += 1
         return other
+
+    def remember_unanswered(self, request: Any, tx_end_at: float, now: float) -> None:
+        """Record that the reply may still come, also where another frame was received and rejected in its place."""
+        pending = [entry for entry in self.unanswered_requests if entry.until > now]
+        self.unanswered_requests = [*pending, UnansweredRequest(now + ANY_REPLY_LATENESS_S, request, tx_end_at)]
 
     def decode_reply_to(self, request: Any, data: bytes) -> DecodedFrame | None:
         """Return the reply to ``request`` at the start of ``data``, None where there is none."""

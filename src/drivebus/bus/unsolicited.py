@@ -1,16 +1,21 @@
-"""Unsolicited bytes: received while no transaction was open, classified once the bus is silent, never applied.
+"""Unsolicited bytes: received while no transaction was open, or in one but no part of its reply; never applied.
 
-A frame is a late reply, a second reply, another master's request with its reply, or not attributable.
+A frame is a late reply, a second reply, another master's request with its reply, or not attributable. Bytes outside a
+transaction are classified once the bus is silent.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
+from drivebus.bus.failure_reason import late_reply, late_reply_to_last_request
+from drivebus.bus.scheduler import Scheduler
 from drivebus.bus.station import Station
-from drivebus.bus.trace import TraceKind
-from drivebus.errors import ProtocolError
+from drivebus.bus.statistics import Counters
+from drivebus.bus.trace import TraceEvent, TraceKind
+from drivebus.bus.transaction import Transaction
+from drivebus.errors import AddressError, NoReply, ProtocolError, TrailingError
 from drivebus.protocols.codec import Codec, Complete, DecodedFrame, Incomplete
 from drivebus.serial_settings import SerialSettings
 
@@ -30,12 +35,44 @@ class ForeignRequest(NamedTuple):
     reply_until: float
 
 
+class UnsolicitedFrame(NamedTuple):
+    """Classification of the first ``size`` unsolicited bytes."""
+
+    kind: TraceKind
+    station: Station | None
+    """The station that sent it, where known."""
+    message: Any
+    size: int
+
+
 class UnsolicitedBytes:
-    """Buffer of unsolicited bytes, and the times of foreign requests."""
+    """Bytes that belong to no reply: their buffer, and the request of another master whose reply is due.
 
-    __slots__ = ("_foreign_request_times", "_fragment", "_fragment_at", "buffer", "foreign_request", "last_byte_at")
+    Each classified frame is counted, its station is marked suspect where a reply may still come, and it is returned as
+    a trace event.
+    """
 
-    def __init__(self) -> None:
+    __slots__ = (
+        "_counters",
+        "_foreign_request_times",
+        "_fragment",
+        "_fragment_at",
+        "_scheduler",
+        "_settings",
+        "_stations",
+        "buffer",
+        "foreign_request",
+        "last_byte_at",
+    )
+
+    def __init__(
+        self, stations: Mapping[int, Station], scheduler: Scheduler, counters: Counters, settings: SerialSettings
+    ) -> None:
+        """``stations``: those registered now, by address."""
+        self._stations = stations
+        self._scheduler = scheduler
+        self._counters = counters
+        self._settings = settings
         self.buffer = bytearray()
         self.last_byte_at = 0.0
         self.foreign_request: ForeignRequest | None = None
@@ -46,44 +83,182 @@ class UnsolicitedBytes:
         self._fragment_at = 0.0
 
     def add(self, data: bytes, now: float) -> None:
-        """Add bytes; those beyond the limit are dropped."""
+        """Add bytes received while no transaction is open; those beyond the limit are dropped."""
         self.buffer += data
         del self.buffer[MAX_UNSOLICITED_BYTES:]
         self.last_byte_at = now
 
-    def drain(self) -> bytes:
-        """Return the bytes and empty the buffer."""
-        data = bytes(self.buffer)
+    def reset(self) -> None:
+        """Drop the bytes and the foreign request from before the port was opened."""
         self.buffer.clear()
-        return data
-
-    def keep_fragment(self, data: bytes, received_at: float) -> None:
-        """Keep bytes that are no frame, and may be the beginning of one."""
-        self._fragment, self._fragment_at = data, received_at
-
-    def join_fragment(self, data: bytes, now: float) -> bytes:
-        """Return the bytes with the fragment before them, empty where none came shortly before."""
-        recent = self._fragment and now - self._fragment_at <= MAX_FRAGMENT_PAUSE_S
-        return self._fragment + data if recent else b""
-
-    def record_foreign_request(self, now: float) -> None:
-        """Record a request of another master."""
-        self._foreign_request_times = [*self._foreign_request_times[-1:], now]
+        self.foreign_request = None
 
     def has_foreign_master(self, now: float) -> bool:
         """Return whether two foreign requests were received within the window that ends ``now``."""
         recent = [at for at in self._foreign_request_times if now - at <= FOREIGN_MASTER_WINDOW_S]
         return len(recent) >= FOREIGN_REQUESTS_REQUIRED
 
+    # --- outside a transaction -----------------------------------------------------------------------------------
 
-class UnsolicitedFrame(NamedTuple):
-    """Classification of the first ``size`` unsolicited bytes."""
+    def classify_buffer(self, now: float) -> list[TraceEvent]:
+        """Classify and count the bytes in the buffer, the bus being silent."""
+        received_at = self.last_byte_at
+        data = self._join_split_request(bytes(self.buffer), received_at)
+        self.buffer.clear()
+        foreign = self.foreign_request
+        if foreign is not None and received_at > foreign.reply_until:
+            self.end_foreign_request(now)
+        events = []
+        after_foreign_request = False
+        while data:
+            frame = classify(
+                data,
+                self._stations.values(),
+                after_foreign_request=after_foreign_request,
+                foreign_request=self.foreign_request,
+            )
+            after_foreign_request = frame.kind is TraceKind.FOREIGN_REQUEST
+            if after_foreign_request:
+                self._begin_foreign_request(data, received_at, now)
+            elif frame.kind is TraceKind.FOREIGN:
+                self.foreign_request = None
+            elif frame.kind is TraceKind.UNSOLICITED:
+                self._fragment, self._fragment_at = data, received_at
+            events.append(self._record(frame, data, received_at, now))
+            data = data[frame.size :]
+        return events
 
-    kind: TraceKind
-    station: Station | None
-    """The station that sent it, where known."""
-    message: Any
-    size: int
+    def _join_split_request(self, data: bytes, received_at: float) -> bytes:
+        """Return the bytes, with those before them where only both together are a request of another master."""
+        joined = self._join_fragment(data, received_at)
+        stations = self._stations.values()
+        if not joined or classify(data, stations, after_foreign_request=False).kind is not TraceKind.UNSOLICITED:
+            return data
+        is_request = classify(joined, stations, after_foreign_request=False).kind is TraceKind.FOREIGN_REQUEST
+        return joined if is_request else data
+
+    def _join_fragment(self, data: bytes, now: float) -> bytes:
+        """Return the bytes with the fragment before them, empty where none came shortly before."""
+        recent = self._fragment and now - self._fragment_at <= MAX_FRAGMENT_PAUSE_S
+        return self._fragment + data if recent else b""
+
+    def end_foreign_request(self, now: float) -> None:
+        """Mark the station suspect that may still reply to another master."""
+        foreign, self.foreign_request = self.foreign_request, None
+        station = None if foreign is None else self._stations.get(foreign.address)
+        if foreign is not None and station is not None:
+            station.remember_unanswered(foreign.request, foreign.received_at, now)
+            self._scheduler.mark_suspect(station, now)
+
+    def _begin_foreign_request(self, data: bytes, received_at: float, now: float) -> None:
+        """Record the request of another master at the start of ``data``, whose reply is due from now on."""
+        self.end_foreign_request(now)
+        self._record_foreign_master(received_at)
+        requests = (
+            foreign_request_to(station, data, received_at, self._settings) for station in self._stations.values()
+        )
+        self.foreign_request = next((request for request in requests if request is not None), None)
+
+    def _record_foreign_master(self, at: float) -> None:
+        """Record that another master has sent a request."""
+        self._foreign_request_times = [*self._foreign_request_times[-1:], at]
+
+    # --- in a transaction ----------------------------------------------------------------------------------------
+
+    def record_foreign_frames(self, transaction: Transaction, now: float) -> list[TraceEvent]:
+        """Count the frames of other stations that were received before the reply."""
+        received_at = transaction.last_byte_at or now
+        return [
+            self._record_foreign_frame(data, error, received_at, now)
+            for data, error in transaction.foreign_frames or ()
+        ]
+
+    def _record_foreign_frame(self, data: bytes, error: AddressError, received_at: float, now: float) -> TraceEvent:
+        """Count a complete frame of another station: late where a reply is due, else the reply to a foreign master."""
+        station = self._stations.get(error.found) if isinstance(error.found, int) else None
+        late = station is not None and station.state.is_suspect
+        if station is None:
+            self._record_foreign_master(now)
+        kind = TraceKind.LATE if late else TraceKind.FOREIGN
+        return self._record(UnsolicitedFrame(kind, station, None, len(data)), data, received_at, now)
+
+    def detect_overlapping_request(self, transaction: Transaction, now: float) -> list[TraceEvent]:
+        """Count a request of another master whose end was received while we sent: the reply may be that to it."""
+        data = self._join_fragment(transaction.bytes_before_tx_end, transaction.sent_at)
+        request = decode_request_prefix(transaction.prepared.codec, data)
+        if request is None:
+            return []
+        self._begin_foreign_request(data, transaction.sent_at, now)
+        self.end_foreign_request(now)
+        frame = UnsolicitedFrame(TraceKind.FOREIGN_REQUEST, None, request.message, request.size)
+        return [self._record(frame, data, transaction.sent_at, now)]
+
+    def detect_foreign_request(self, transaction: Transaction, error: Exception, now: float) -> list[TraceEvent]:
+        """Count a request of another master that was received in place of a reply, or right after it.
+
+        Our own frame is excluded.
+        """
+        data, prepared = bytes(transaction.buffer), transaction.prepared
+        if isinstance(error, TrailingError) and isinstance(error.expected, int):
+            data = data[error.expected :]
+        request = decode_request_prefix(prepared.codec, data)
+        if request is None:
+            data = self._join_fragment(data, transaction.sent_at)
+            request = decode_request_prefix(prepared.codec, data)
+        if request is None or data[: request.size] == prepared.data:
+            return []
+        if prepared.station.decode_reply_to(prepared.request, data) is not None:
+            return []  # its own reply, with stray bytes or not trusted: one of Huanyang HY has the form of a request
+        kind, station, frame = TraceKind.FOREIGN_REQUEST, None, data[: request.size]
+        if is_late_reply(prepared.station, request.message, frame):
+            kind, station = TraceKind.LATE, prepared.station
+        elif frame == prepared.station.last_frame:
+            kind, station = TraceKind.DUPLICATE, prepared.station
+        else:
+            self._begin_foreign_request(data, transaction.last_byte_at or now, now)
+        is_alone = len(data) == request.size
+        # Bytes after it may have come after a pause. Then only its earliest time is known, which overstates no delay.
+        received_at = transaction.last_byte_at or now if is_alone else transaction.tx_end_at
+        return [self._record(UnsolicitedFrame(kind, station, request.message, request.size), data, received_at, now)]
+
+    # --- each frame ----------------------------------------------------------------------------------------------
+
+    def _record(self, frame: UnsolicitedFrame, data: bytes, received_at: float, now: float) -> TraceEvent:
+        """Count the frame at the start of ``data``; a second or a foreign reply makes its station suspect."""
+        kind, station, data = frame.kind, frame.station, data[: frame.size]
+        self._counters.count_event(kind.value)
+        if station is not None:
+            station.counters.count_event(kind.value)
+            # A late reply after a complete one counts as a duplicate where the station has sent a duplicate before.
+            late_duplicate = (
+                kind is TraceKind.LATE and station.last_request_answered and station.has_duplicate_address(now, 1)
+            )
+            if kind is TraceKind.DUPLICATE or late_duplicate:
+                station.record_duplicate_reply(now)
+            if kind is TraceKind.LATE:
+                station.last_frame = data
+                station.failure_reason = (
+                    late_reply(station, data, received_at)
+                    or late_reply_to_last_request(station, data, received_at)
+                    or station.failure_reason
+                )
+            if kind is TraceKind.DUPLICATE or (kind is TraceKind.FOREIGN and frame.message is None):
+                self._scheduler.mark_suspect(station, now)
+        elif kind is TraceKind.UNSOLICITED:
+            self._attribute_to_suspects(data, received_at)
+        address = None if station is None else station.address
+        return TraceEvent(time=received_at, kind=kind, data=data, station=address, message=frame.message)
+
+    def _attribute_to_suspects(self, data: bytes, received_at: float) -> None:
+        """Record bytes of an unknown sender as the failure of each suspect station, which may have sent them late."""
+        for station in self._stations.values():
+            if not station.state.is_suspect:
+                continue
+            late = late_reply(station, data, received_at)
+            if late is not None:
+                station.failure_reason = late
+            elif station.failure_reason is None:
+                station.failure_reason = NoReply("bus.offline_bytes", station=station.address)
 
 
 def classify(
