@@ -77,9 +77,7 @@ from drivebus.bus.station import Presence, Station, StationHealth, StationState
 from drivebus.bus.statistics import BusStatistics, Counters, RecentActivity, bus_snapshot, merge_counters
 from drivebus.bus.trace import TraceEvent, TraceKind
 from drivebus.bus.transaction import Transaction
-from drivebus.bus.unsolicited import (
-    UnsolicitedBytes,
-)
+from drivebus.bus.unsolicited import UnsolicitedBytes
 from drivebus.errors import (
     ConfigurationError,
     LineError,
