@@ -21,7 +21,7 @@ def current_commit() -> str:
     return report.current_commit(PROJECT_FOLDER, "src", "benchmarks") or "unknown"
 
 
-def print_figures(figures: Figures, report: str, write: bool) -> None:
+def print_figures(figures: Figures, report: str, *, write: bool) -> None:
     """Print the figures; where ``write`` is set, also write them to docs/reports/."""
     text = json.dumps(figures, indent=1)
     print(text)
@@ -65,7 +65,7 @@ def main() -> None:
     options.add_argument("--write", action="store_true", help="write docs/reports/ instead of printing only")
     chosen = options.parse_args()
     figures = measure_all(chosen.seconds, chosen.rounds, chosen.pypy)
-    print_figures(figures, "benchmarks.json", chosen.write)
+    print_figures(figures, "benchmarks.json", write=chosen.write)
     if chosen.write:
         (PROJECT_FOLDER / "docs" / "reports" / "benchmarks.md").write_text(markdown(figures))
 

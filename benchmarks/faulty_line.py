@@ -66,7 +66,7 @@ def main() -> None:
     found |= {"faults_a_thousand": 50, "late_ms": round(1000 * LATE_S)}
     for program in chosen.program or PROGRAMS:
         found[program] = {kind: compare(program, kind, chosen.seconds, chosen.rounds) for kind in chosen.kind or KINDS}
-    print_figures(found, "faulty-line.json", chosen.write)
+    print_figures(found, "faulty-line.json", write=chosen.write)
 
 
 if __name__ == "__main__":

@@ -183,7 +183,7 @@ def main() -> None:
     if chosen.plant:
         asyncio.run(plant(Path(chosen.plant), chosen.drives))
         return
-    print_figures(measure_page(chosen.drives, chosen.seconds), "page.json", chosen.write)
+    print_figures(measure_page(chosen.drives, chosen.seconds), "page.json", write=chosen.write)
 
 
 if __name__ == "__main__":

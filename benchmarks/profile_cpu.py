@@ -97,7 +97,7 @@ def main() -> None:
     options.add_argument("--write", action="store_true", help="write docs/reports/profile.json")
     chosen = options.parse_args()
     figures = {"commit": current_commit(), **profile_run(chosen.seconds)}
-    print_figures(figures, "profile.json", chosen.write)
+    print_figures(figures, "profile.json", write=chosen.write)
 
 
 if __name__ == "__main__":

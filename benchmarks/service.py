@@ -226,7 +226,7 @@ def main() -> None:
     options.add_argument("--settle", type=float, default=60.0, help="seconds after which memory is looked at; 0: skip")
     options.add_argument("--write", action="store_true", help="write docs/reports/service.json")
     chosen = options.parse_args()
-    print_figures(measure_chosen(chosen), "service.json", chosen.write)
+    print_figures(measure_chosen(chosen), "service.json", write=chosen.write)
 
 
 if __name__ == "__main__":

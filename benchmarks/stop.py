@@ -114,7 +114,7 @@ def main() -> None:
     options.add_argument("--write", action="store_true", help="write docs/reports/real-stop.json too")
     chosen = options.parse_args()
     figures = measure_runs(chosen.seconds, chosen.lines, chosen.baud, chosen.seed, chosen.burners, chosen.runs)
-    print_figures(figures, "real-stop.json", chosen.write)
+    print_figures(figures, "real-stop.json", write=chosen.write)
 
 
 if __name__ == "__main__":

@@ -151,7 +151,7 @@ def request_repeatedly(port: int, until: float, times_s: list[float]) -> None:
     connection.close()
 
 
-async def many_pages(port: int, count: int, seconds: float, with_requests: bool) -> Json:
+async def many_pages(port: int, count: int, seconds: float, *, with_requests: bool) -> Json:
     delays: list[float] = []
     sizes: list[int] = []
     times_s: list[float] = []
@@ -221,10 +221,12 @@ def main() -> None:
     elif chosen.web:
         asyncio.run(start_web(Path(chosen.web)))
     elif chosen.pages:
-        figures = asyncio.run(many_pages(int(chosen.pages), chosen.clients, chosen.seconds, chosen.with_requests))
+        figures = asyncio.run(
+            many_pages(int(chosen.pages), chosen.clients, chosen.seconds, with_requests=chosen.with_requests)
+        )
         print(json.dumps(figures))
     else:
-        print_figures(measure_web(chosen.drives, chosen.clients, chosen.seconds), "web.json", chosen.write)
+        print_figures(measure_web(chosen.drives, chosen.clients, chosen.seconds), "web.json", write=chosen.write)
 
 
 if __name__ == "__main__":

@@ -69,7 +69,7 @@ class FloodClients:
             finally:
                 writer.close()
 
-    async def send_large_body(self, name: str, head: str, chunked: bool) -> None:
+    async def send_large_body(self, name: str, head: str, *, chunked: bool) -> None:
         """Send 100 MB, with a Content-Length or in chunks, until the server stops reading."""
         while True:
             reader, writer = await asyncio.open_connection("127.0.0.1", self.port)
@@ -115,8 +115,8 @@ async def main() -> None:
     length = f"Content-Length: {HUGE}\r\n"
     attacks = [
         *(asyncio.create_task(flood.send_slow_head()) for _ in range(slow)),
-        asyncio.create_task(flood.send_large_body("100 MB with Content-Length", length, False)),
-        asyncio.create_task(flood.send_large_body("100 MB in chunks", "Transfer-Encoding: chunked\r\n", True)),
+        asyncio.create_task(flood.send_large_body("100 MB with Content-Length", length, chunked=False)),
+        asyncio.create_task(flood.send_large_body("100 MB in chunks", "Transfer-Encoding: chunked\r\n", chunked=True)),
         *(asyncio.create_task(flood.send_bomb(name)) for name in BOMBS),
     ]
     print("ready", flush=True)

@@ -72,12 +72,12 @@ def _rows(vector: Vector, raw: bytes, language: str) -> list[tuple[str, str, str
     for name, size in layout(vector):
         part = raw[at : at + size]
         where = str(at) if size == 1 else f"{at}–{at + size - 1}"
-        rows.append((where, localized(name, language), f"`{part.hex(' ').upper()}`", _value(part, digits)))
+        rows.append((where, localized(name, language), f"`{part.hex(' ').upper()}`", _value(part, digits=digits)))
         at += size
     return rows
 
 
-def _value(part: bytes, digits: bool) -> str:
+def _value(part: bytes, *, digits: bool) -> str:
     """Return characters of an ASCII frame, else the number."""
     if digits and all(0x20 < byte < 0x7F for byte in part):
         return f'"{part.decode("ascii")}"'

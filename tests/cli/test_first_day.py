@@ -6,6 +6,7 @@ import logging
 import logging.handlers
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from click.testing import CliRunner, Result
@@ -16,7 +17,7 @@ from drivebus.cli.demo import host
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
 from drivebus.cli.tui import plain, view
-from drivebus.service.process.logging_setup import log_event
+from drivebus.service.process import logging_setup
 
 
 def command(*words: str) -> Result:
@@ -121,17 +122,21 @@ def test_the_log_of_the_demo_is_in_the_language_of_the_command_and_leaves_no_dri
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Regression: ``drivebus demo --lang zh`` logged in English, and warned at Ctrl-C of drives that ended with it."""
-    log = logging.getLogger("drivebus")
     handler = logging.handlers.BufferingHandler(100)
-    monkeypatch.setattr(log, "handlers", [handler])
-    caplog.set_level(logging.INFO, log.name)
+    for name in ("drivebus", None):
+        log = logging.getLogger(name)
+        monkeypatch.setattr(log, "handlers", log.handlers)
+        monkeypatch.setattr(log, "propagate", log.propagate)
+        caplog.set_level(log.level, name)  # set again after the test
+    monkeypatch.setattr(logging_setup, "NonBlockingQueueHandler", lambda lines: handler)
+    monkeypatch.setattr(logging_setup, "QueueListener", Mock())
+    monkeypatch.setattr(logging_setup.atexit, "register", lambda *_: None)
     monkeypatch.setenv(i18n.LANGUAGE_VARIABLE, "en")
-    monkeypatch.setattr(host, "configure_logging", lambda _: None)
     monkeypatch.setattr(host.signal, "signal", lambda *_: None)
 
     async def log_events(*_: object) -> ExitCode:
         for kind in ("stop", "not_stopped"):
-            log_event({"kind": kind, "drive": "pump-1", "text": {"en": f"en {kind}", "zh": f"zh {kind}"}})
+            logging_setup.log_event({"kind": kind, "drive": "pump-1", "text": {"en": f"en {kind}", "zh": f"zh {kind}"}})
         return ExitCode.DONE
 
     monkeypatch.setattr(host, "_run_with_page", log_events)

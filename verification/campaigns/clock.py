@@ -47,7 +47,7 @@ class ClockTrial:
     """Run of a trial; ``jumps``: the wall clock jumps."""
 
     def __init__(
-        self, campaign_run: CampaignRun, variant: DriveVariant, name: str, seed: int, capture: Path, jumps: bool
+        self, campaign_run: CampaignRun, variant: DriveVariant, name: str, seed: int, capture: Path, *, jumps: bool
     ) -> None:
         self.lines: list[str] = []
         self.campaign_run = CampaignRun(campaign="clock", seed=campaign_run.seed, budget=1, listener=self.lines.append)
@@ -130,7 +130,7 @@ def compare_clocks(
     rng = campaign_run.rng(variant.name, number)
     events, seed, name = random_script(variant, rng, jumps), rng.randrange(2**31), f"{variant.name}/{number}"
     trials = [
-        ClockTrial(campaign_run, variant, name, seed, folder / f"{number}-{jumping}", jumping)
+        ClockTrial(campaign_run, variant, name, seed, folder / f"{number}-{jumping}", jumps=jumping)
         for jumping in (False, True)
     ]
     for trial in trials:

@@ -93,7 +93,7 @@ class FaultyDisk:
             raise ProgramKilled
         if "w" in mode:
             self._remember_unsynced(path)
-        return _FaultyFile(self, path, REAL_CALLS["open"](path, mode.replace("b", "") + "b", 0), "b" in mode)
+        return _FaultyFile(self, path, REAL_CALLS["open"](path, mode.replace("b", "") + "b", 0), binary="b" in mode)
 
     def os_open(self, path: Any, flags: int, *more: Any, **named: Any) -> int:
         if not self.contains(path):
@@ -175,7 +175,7 @@ class FaultyDisk:
 class _FaultyFile:
     """Open file, buffered until ``flush`` or ``close``."""
 
-    def __init__(self, disk: FaultyDisk, path: Path, raw: Any, binary: bool) -> None:
+    def __init__(self, disk: FaultyDisk, path: Path, raw: Any, *, binary: bool) -> None:
         self._disk, self._raw, self._binary, self._buffer = disk, raw, binary, b""
         disk._names[raw.fileno()] = path
 

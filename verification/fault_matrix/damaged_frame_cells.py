@@ -93,11 +93,11 @@ def single_reads_decide_nothing(run: CellRun) -> None:
         scenario.expect(str(status.state) == "running", f"a running drive is called {status.state}")
 
 
-def falsified_replies(run: CellRun, stopped: bool) -> Any:
+def falsified_replies(run: CellRun, *, stopped: bool) -> Any:
     """Return an action that falsifies the state in a reply, with a correct check."""
 
     def act(transmit: WireSend, data: bytes, when: float) -> Any:
-        return transmit(campaign_of(run.variant.model).matrix.falsify_state(run.variant, data, stopped), when)
+        return transmit(campaign_of(run.variant.model).matrix.falsify_state(run.variant, data, stopped=stopped), when)
 
     return act
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from random import Random
-from typing import Any
+from typing import Any, Protocol
 
 from verification.drive_variants import DriveVariant
 
@@ -17,8 +17,14 @@ def _no_requests(variant: DriveVariant) -> tuple[Any, ...]:
     return ()
 
 
-def _same_reply(variant: DriveVariant, data: bytes, stopped: bool) -> bytes:
+def _same_reply(variant: DriveVariant, data: bytes, *, stopped: bool) -> bytes:
     return data
+
+
+class StateFalsifier(Protocol):
+    """Return a reply with another state and a correct check: of a stopped drive, or of one that runs."""
+
+    def __call__(self, variant: DriveVariant, data: bytes, *, stopped: bool) -> bytes: ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +39,6 @@ class MatrixFamily:
     """Starts, jogs, setpoints, resets and parameter writes to the broadcast address."""
     undocumented_commands: Callable[[DriveVariant], Iterable[Any]] = _no_requests
     """Commands that no document explains."""
-    falsify_state: Callable[[DriveVariant, bytes, bool], bytes] = _same_reply
-    """``(variant, reply, stopped)`` to the reply with another state and a correct check."""
+    falsify_state: StateFalsifier = _same_reply
     ram_parameters: frozenset[str] = frozenset()
     """Parameters that can be written without saving them."""

@@ -142,7 +142,7 @@ class Oracle:
         self.frame_rules.on_request(frame, self._last_character_end, answered=answered)
         self._requests.append((transmission, frame))
 
-    def _on_state_change(self, station: Any, frame: ClassifiedFrame, was_on: bool) -> None:
+    def _on_state_change(self, station: Any, frame: ClassifiedFrame, *, was_on: bool) -> None:
         """Check a frame that changed the state of a station (I2, I11)."""
         started = station.motor.energised and not was_on
         if frame.effect is RequestEffect.READ or (frame.effect is RequestEffect.STOP and started):

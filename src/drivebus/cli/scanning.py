@@ -187,10 +187,13 @@ def assumed_models_texts(drives: list[DetectedDrive]) -> list[str]:
     for drive in drives:
         if drive.doubtful:
             addresses.setdefault((drive.models, drive.fits_partly), []).append(str(drive.address))
-    return [_assumed_text(output.join(alike, "items"), *key) for key, alike in addresses.items()]
+    return [
+        _assumed_text(output.join(alike, "items"), models, fits_partly=fits_partly)
+        for (models, fits_partly), alike in addresses.items()
+    ]
 
 
-def _assumed_text(addresses: str, models: tuple[str, ...], fits_partly: bool) -> str:
+def _assumed_text(addresses: str, models: tuple[str, ...], *, fits_partly: bool) -> str:
     if fits_partly:
         return output.text("scan.assumed_partly", address=addresses, models="/".join(models))
     return output.text("scan.assumed", address=addresses, model=models[0], others=output.join(models[1:], "items"))

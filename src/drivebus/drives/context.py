@@ -44,7 +44,7 @@ class EepromBudget:
         try:
             return SaveCount(**json.loads(text))
         except (ValueError, TypeError):
-            return SaveCount("9999-12-31", self.budget, 0, True)
+            return SaveCount("9999-12-31", self.budget, ram_written=True)
 
     def _key_of(self, notation: str) -> str:
         return f"eeprom/{self._key}/{notation}"

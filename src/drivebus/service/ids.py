@@ -6,5 +6,6 @@ from typing import Annotated
 
 from pydantic import Field
 
-ID_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"
+ID_CHARACTERS = r"[a-z0-9][a-z0-9_-]{0,63}"
+ID_PATTERN = f"^{ID_CHARACTERS}$"
 Id = Annotated[str, Field(pattern=ID_PATTERN)]

@@ -23,7 +23,7 @@ def forbidden_broadcasts(variant: DriveVariant) -> Iterator[Any]:
         yield dzb100.Dzb100Control(0, dzb100.Dzb100Command[command], 0, broadcast=True)
 
 
-def falsify_state(variant: DriveVariant, data: bytes, stopped: bool) -> bytes:
+def falsify_state(variant: DriveVariant, data: bytes, *, stopped: bool) -> bytes:
     """Return the reply to Q01 with 0 or 10.0 Hz."""
     return data[:7] + (b"0000" if stopped else b"0064") + data[11:] if data[5:7] == b"01" else data
 

@@ -33,7 +33,7 @@ def undocumented_commands(variant: DriveVariant) -> tuple[Any, ...]:
     return tuple(f.MitsubishiRequest(1, f.RUN_COMMAND, value) for value in range(256) if value not in EFFECTS)
 
 
-def falsify_state(variant: DriveVariant, data: bytes, stopped: bool) -> bytes:
+def falsify_state(variant: DriveVariant, data: bytes, *, stopped: bool) -> bytes:
     """Return the reply with no bit and 0 Hz, or with forward and 20 Hz, and a correct sum."""
     if len(data) not in (STATUS_SIZE, FREQUENCY_SIZE) or data[:1] != b"\x02":
         return data

@@ -38,7 +38,7 @@ def forbidden_broadcasts(variant: DriveVariant) -> Iterator[Any]:
     yield sunfar.SunfarWriteParameter(31, 1, 10, 0, False)
 
 
-def falsify_state(variant: DriveVariant, data: bytes, stopped: bool) -> bytes:
+def falsify_state(variant: DriveVariant, data: bytes, *, stopped: bool) -> bytes:
     """Return the reply with 03H or 01H in the state field and a correct sum."""
     if len(data) != 18:
         return data

@@ -103,14 +103,14 @@ async def _read_line() -> str:
         loop.remove_reader(sys.stdin)
 
 
-def _acceptance(motor: bool, frequency: float, folder: Path, **given: Any) -> ExitCode:
+def _acceptance(*, motor: bool, frequency: float, folder: Path, **given: Any) -> ExitCode:
     folder.mkdir(parents=True, exist_ok=True)
     check_writable(folder / "report", replace=True)
     with background_output():
-        return asyncio.run(_run(pop_target(given), motor, frequency, folder))
+        return asyncio.run(_run(pop_target(given), folder, motor=motor, frequency_hz=frequency))
 
 
-async def _run(target: Target, motor: bool, frequency_hz: float, folder: Path) -> ExitCode:
+async def _run(target: Target, folder: Path, *, motor: bool, frequency_hz: float) -> ExitCode:
     from drivebus.cli.signals import shutdown_signals
 
     findings: list[StepFinding] = []

@@ -156,7 +156,7 @@ def _plan(dry: DryRun) -> ExitCode:
     return dry.print("dry.note.fewer", "dry.note.confirm")
 
 
-def _run(dry_run: bool, **given: Any) -> ExitCode:
+def _run(*, dry_run: bool, **given: Any) -> ExitCode:
     target = pop_target(given)
     if dry_run:
         from drivebus.cli.dry_run import DryRun

@@ -20,18 +20,18 @@ if TYPE_CHECKING:
 TEST_POLL_PERIOD_S = 0.5  # between two reads of the result of the test
 
 
-def _test(service: str, drive: str, frequency: float, silence: float | None, yes: bool) -> ExitCode:
+def _test(*, service: str, drive: str, frequency: float, silence: float | None, yes: bool) -> ExitCode:
     """Run the test. Raises ConfigurationError where no terminal can confirm the start, unless ``yes``."""
     from drivebus.errors import ConfigurationError
 
     if not yes and not sys.stdin.isatty():
         raise ConfigurationError("comm_loss_test.not_confirmed")
     with background_output():
-        return asyncio.run(_connect_and_test(service, drive, frequency, silence, yes))
+        return asyncio.run(_connect_and_test(service, drive, frequency, silence, yes=yes))
 
 
 async def _connect_and_test(
-    service: str, name: str, frequency_hz: float, silence_s: float | None, yes: bool
+    service: str, name: str, frequency_hz: float, silence_s: float | None, *, yes: bool
 ) -> ExitCode:
     from drivebus import profiles
     from drivebus.cli.remote.client import open_client

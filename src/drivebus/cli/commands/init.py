@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 
 def _init(
+    *,
     ports: tuple[str, ...],
     scan: bool,
     answers: str | None,
@@ -75,7 +76,7 @@ def _init(
     config = loads(text, file, Path(file).resolve().parent)
     is_written = file != "-" and code is not ExitCode.INTERRUPTED
     if is_written:
-        _write(file, text, force)
+        _write(file, text, force=force)
     else:
         if file != "-":
             output.print_note("plant_init.interrupted", file=file)
@@ -100,7 +101,7 @@ def _init(
     return code
 
 
-def _write(file: str, text: str, force: bool) -> None:
+def _write(file: str, text: str, *, force: bool) -> None:
     """Write the file. Raises ConfigurationError if it exists by now, or can't be written."""
     with _file_errors(file):
         write_or_print(file, text, replace=force)

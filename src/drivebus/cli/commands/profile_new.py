@@ -24,7 +24,7 @@ MAX_PRINTED_FRAMES = 12
 """Frames printed for a step: a motor that accelerates gives many different replies."""
 
 
-def _new(file: str, table: str | None, answers_file: str | None, force: bool) -> ExitCode:
+def _new(*, file: str, table: str | None, answers_file: str | None, force: bool) -> ExitCode:
     """Return 2 if the file is not valid yet, 1 if the trial fails. Raises ConfigurationError, ProfileError."""
     from drivebus import profiles
     from drivebus.commissioning.new_profile import file_text, register_table
@@ -39,7 +39,7 @@ def _new(file: str, table: str | None, answers_file: str | None, force: bool) ->
     except click.Abort:
         return _save_unfinished(answers, file)
     rows = register_table.read_table(table, answers["numbering"]) if table is not None else []
-    _write(file, file_text.profile_toml(answers, rows, output.language()), force)
+    _write(file, file_text.profile_toml(answers, rows, output.language()), force=force)
     try:
         profile = profiles.load(Path(file).resolve())
     except ProfileError as error:
@@ -156,7 +156,7 @@ def _save_unfinished(answers: dict[str, str], file: str) -> ExitCode:
     return ExitCode.INTERRUPTED
 
 
-def _write(file: str, text: str, force: bool) -> None:
+def _write(file: str, text: str, *, force: bool) -> None:
     """Write the file. Raises ConfigurationError if it exists by now, or can't be written."""
     with _file_errors(file):
         write_or_print(file, text, replace=force)

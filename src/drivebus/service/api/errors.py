@@ -52,6 +52,7 @@ def build_error_json(
     code: str,
     kind: str,
     params: Mapping[str, Any],
+    *,
     outcome: Json | None = None,
     may_be_running: bool | None = None,
 ) -> Json:
@@ -70,7 +71,9 @@ def error_to_json(error: DrivebusError) -> Json:
     """Return an error as every client gets it."""
     outcome = error.outcome
     document = outcome_json(outcome) if isinstance(outcome, Outcome) else outcome
-    return build_error_json(error.key, type(error).__name__, error.params, document, error.may_be_running)
+    return build_error_json(
+        error.key, type(error).__name__, error.params, outcome=document, may_be_running=error.may_be_running
+    )
 
 
 def error_from_json(data: Json) -> DrivebusError:

@@ -34,9 +34,9 @@ class PasswordHashing:
 
     async def hash(self, password: str) -> str:
         """Return the encoded hash of a password. Raises AuthUnavailable if too many hashes are waiting."""
-        return await self._in_thread(True, self._hasher.hash, normalized_password(password))
+        return await self._in_thread(self._hasher.hash, normalized_password(password), is_known=True)
 
-    def check_capacity(self, is_known: bool) -> None:
+    def check_capacity(self, *, is_known: bool) -> None:
         """Check that the thread of known or of unknown browsers takes another hash. Raises AuthUnavailable."""
         if self._waiting[is_known] >= _MAX_WAITING_HASHES:
             raise AuthUnavailable("auth.busy")
@@ -48,7 +48,7 @@ class PasswordHashing:
         browser or session in which the user has logged in before.
         """
         arguments = (encoded or self._unknown_user_hash, normalized_password(password))
-        matches = await self._in_thread(is_known, self._verify, *arguments)
+        matches = await self._in_thread(self._verify, *arguments, is_known=is_known)
         return matches and encoded is not None
 
     def _verify(self, stored_hash: str, password: str) -> bool:
@@ -57,8 +57,8 @@ class PasswordHashing:
         except (Argon2Error, InvalidHashError):
             return False
 
-    async def _in_thread(self, is_known: bool, work: Callable[..., T], *arguments: str) -> T:
-        self.check_capacity(is_known)
+    async def _in_thread(self, work: Callable[..., T], *arguments: str, is_known: bool) -> T:
+        self.check_capacity(is_known=is_known)
         self._waiting[is_known] += 1
         try:
             return await asyncio.get_running_loop().run_in_executor(self._threads[is_known], work, *arguments)

@@ -308,7 +308,7 @@ class AuthService:
 
         Raises NotAuthenticated, TooManyAttempts, AuthUnavailable.
         """
-        self.passwords.check_capacity(is_known)
+        self.passwords.check_capacity(is_known=is_known)
         at = self._record_attempt(self.throttle, keys)
         encoded = user.password if user is not None and not user.disabled else None
         if not await self.passwords.verify(encoded, password, is_known=is_known):

@@ -211,7 +211,7 @@ class _Examples:
         """Value of ``signals``."""
         return "{ " + ", ".join(f"{name} = {_EXAMPLE_PERIODS[name]}" for name in self._signals) + " }"
 
-    def _require(self, alone: bool) -> str | None:
+    def _require(self, *, alone: bool) -> str | None:
         """Return the condition of an interlock; None if the model reports nothing suitable."""
         signal = self._profile.signals.get("output_frequency")
         if signal is None or signal.uncertain is not None:
@@ -224,7 +224,7 @@ class _Examples:
     def rules(self, ids: list[str], language: str) -> Iterator[str]:
         drives = ", ".join(toml_string(id) for id in ids)
         yield from ("", *comment_lines("group", language, drives=drives))
-        require = self._require(len(ids) == 1)
+        require = self._require(alone=len(ids) == 1)
         if require is not None:
             yield from ("", *comment_lines("interlock", language, last=ids[-1], require=require))
         if self._signals:

@@ -18,9 +18,10 @@ from drivebus.atomic_write import atomic_write_private, fsync_directory
 from drivebus.capture.dbcap import CaptureError, CaptureHeader, CaptureWriter
 from drivebus.errors import NotFound
 from drivebus.service.api.paging import page
+from drivebus.service.ids import ID_CHARACTERS
 from drivebus.types import Json
 
-INCIDENT_ID: Final = re.compile(r"(\d{6,12})-[a-z0-9][a-z0-9_-]{0,63}")
+INCIDENT_ID: Final = re.compile(rf"(\d{{6,12}})-{ID_CHARACTERS}")  # number and drive
 MAX_INCIDENTS: Final = 200
 MAX_INCIDENT_BYTES: Final = 200 * 1024 * 1024
 """All incidents together; beyond it the oldest are deleted."""

@@ -9,7 +9,7 @@ import logging
 import queue
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from logging.handlers import QueueHandler, QueueListener
 from math import inf
 from time import monotonic
@@ -38,14 +38,20 @@ EVENT_LEVELS = {
 }
 
 
-def configure_logging(log_format: LogFormat, stream: TextIO | None = None) -> None:
-    """Write the log to ``stream`` as ``text`` or ``json``: everything of drivebus, and the warnings of libraries."""
+def configure_logging(
+    log_format: LogFormat, stream: TextIO | None = None, *, without_events: Collection[str] = ()
+) -> None:
+    """Write the log to ``stream`` as ``text`` or ``json``: everything of drivebus, and the warnings of libraries.
+
+    ``without_events``: kinds of events that are left out.
+    """
     handler = logging.StreamHandler(stream or sys.stderr)
     handler.setFormatter(JsonFormatter() if log_format == "json" else PlainFormatter())
     lines: queue.Queue[logging.LogRecord] = queue.Queue(MAX_QUEUED_RECORDS)
     listener = QueueListener(lines, handler)
     queued = NonBlockingQueueHandler(lines)
     queued.addFilter(RepetitionFilter())
+    queued.addFilter(lambda record: getattr(record, "event", {}).get("kind") not in without_events)
     for name, level in (("drivebus", logging.INFO), ("", logging.WARNING)):
         logger = logging.getLogger(name)
         logger.handlers = [queued]
