@@ -228,6 +228,19 @@ def test_a_master_that_reads_late_accepts_only_replies_within_the_stall_toleranc
     assert (result.error is None) is accepted
 
 
+def test_a_byte_that_a_busy_master_reads_long_after_a_complete_reply_may_still_belong_to_it() -> None:
+    """The silence after the reply was not watched, so whether the byte came in it is not known."""
+    bus = make_core(1)
+    script = BusScript(bus)
+    script.run_until(1.0)
+    script.submit(read_request())
+    script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), at=1.05)
+    script.run_until(1.05)
+    bus.wake_at = None
+    script.receive(b"\x01", at=2.0)
+    assert isinstance(script.result().error, TrailingError)
+
+
 def make_transaction(**options: Any) -> Transaction:
     prepared = PreparedRequest(read_request(), None, make_core(1).stations[1], SETTINGS)
     return Transaction(prepared, 1.0, CHARACTER_S, has_line_timing=True, echo=None, **options)
