@@ -528,6 +528,7 @@ def test_scan_names_every_model_that_the_bus_can_not_tell_apart() -> None:
     ]
     shown = " ".join(text.split())
     assert steps == ["c320, c300 count 0.01 Hz", "e300, e500, e550 count 0.1 Hz"] and "; ".join(steps) in shown
+    assert "; ".join([steps[-1], i18n.text("scan.step_unknown", models="e350")]) in shown
     assert i18n.text("scan.no_valid_reply") not in shown
     zh = " ".join(run_text(*words, "--models", "c320", "--lang", "zh").split())
     assert i18n.text("scan.step", "zh", models="c320、c300", step="0.01") in zh

@@ -91,7 +91,7 @@ def test_a_reply_that_is_not_accepted_stands_beside_the_state_with_its_remedy() 
 def test_a_warning_stands_beside_the_state_with_its_bits() -> None:
     readings = {"warning_word": Reading(value=33.0, raw=0x0021, quality=Quality.GOOD)}
     page = status_text(DriveStatus(state=DriveState.STOPPED, readings=readings), 2.0, VC660)
-    assert "bits 0, 5 of the warning word (0021H)" in page.split("\n\n")[0]
+    assert "bits set in the warning word: 0, 5 (0021H)" in page.split("\n\n")[0]
     none = {"warning_word": Reading(value=0.0, raw=0, quality=Quality.GOOD)}
     assert "Warning" not in status_text(DriveStatus(state=DriveState.STOPPED, readings=none), 2.0, VC660)
 
@@ -213,6 +213,15 @@ def test_a_scan_says_once_that_another_address_replied_in_each_encoding(capsys: 
     shown = " ".join(capsys.readouterr().out.split())
     assert "ascii, hex" in shown and shown.count("from address 2 to a request for 1") == 1
     assert shown.count("from address 2 to a request for 3") == 1
+
+
+def test_a_scan_says_once_that_another_address_replied_in_each_format(capsys: pytest.CaptureFixture[str]) -> None:
+    """Regression: a pty does not compare the parity, and one drive with a wrong address had three rows."""
+    foreign = replace(detected(1), valid_reply=False, replied_address=2)
+    found = [replace(foreign, settings=SerialSettings.parse(9600, each)) for each in ("8E1", "8N1", "8O1")]
+    print_scan("x", ScanProgress(total_s=1.0, found=found), None, ExitCode.FAILED)
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "rtu 9600 8E1/8N1/8O1" in shown and shown.count("from address 2 to a request for 1") == 1
 
 
 def test_a_scan_gives_the_remedy_of_a_stray_byte_only_where_its_table_names_that_byte(

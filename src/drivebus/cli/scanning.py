@@ -325,6 +325,8 @@ def _note(drive: DetectedDrive) -> str:
         else output.text("scan.step", models=output.join(names, "items"), step=f"{hz:g}")
         for hz, names in models_by_step.items()
     ]
+    if unknown := [model for model in drive.models if model not in drive.setpoint_steps_hz]:
+        steps.append(output.text("scan.step_unknown", models=output.join(unknown, "items")))
     return output.text("scan.alike_steps", steps=output.join(steps, "clauses"))
 
 
@@ -332,17 +334,32 @@ def _scan_table(detected: list[DetectedDrive], stream: Any = None) -> str:
     if not detected:
         return output.text("scan.nothing")
     head = [output.text(f"scan.{name}") for name in ("address", "model", "encoding", "serial", "note")]
-    encodings: dict[tuple[str, str, str, str], list[str]] = {}
+    readable = _readable_rows([drive for drive in detected if not drive.unreadable])
+    unreadable = _unreadable_rows([drive for drive in detected if drive.unreadable])
+    return output.fitted_table(head, readable + unreadable, stream)
+
+
+def _readable_rows(detected: list[DetectedDrive]) -> list[list[str]]:
+    """Return the rows of addresses that sent valid frames: one for all encodings and settings that were answered alike.
+
+    One drive answers in several settings where the port does not compare the parity, as a pty does not.
+    """
+    encodings: dict[tuple[int, tuple[str, ...], str, SerialSettings], list[str]] = {}
     for drive in detected:
-        if not drive.unreadable:
-            models = " / ".join(drive.models) or output.text("scan.unknown")
-            row = (str(drive.address), models, str(drive.settings), _note(drive))
-            encodings.setdefault(row, []).append(drive.encoding)
-    rows = [
-        [address, models, output.join(alike, "items"), settings, note]
-        for (address, models, settings, note), alike in encodings.items()
+        encodings.setdefault((drive.address, drive.models, _note(drive), drive.settings), []).append(drive.encoding)
+    settings: dict[tuple[int, tuple[str, ...], str, tuple[str, ...]], list[SerialSettings]] = {}
+    for (address, models, note, one), names in encodings.items():
+        settings.setdefault((address, models, note, tuple(names)), []).append(one)
+    return [
+        [
+            str(address),
+            " / ".join(models) or output.text("scan.unknown"),
+            output.join(names, "items"),
+            output.join(_formats_by_baud(alike), "items"),
+            note,
+        ]
+        for (address, models, note, names), alike in settings.items()
     ]
-    return output.fitted_table(head, rows + _unreadable_rows([drive for drive in detected if drive.unreadable]), stream)
 
 
 def _unreadable_rows(detected: list[DetectedDrive]) -> list[list[str]]:

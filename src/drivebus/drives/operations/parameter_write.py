@@ -156,6 +156,10 @@ def _check_address(profile: DriveProfile, write: CheckedWrite) -> CheckedWrite:
     """Return a write unless it gives the drive an address at which no master reaches it. Raises LimitError."""
     low, high = profile.addresses
     if _role(profile, write.parameter) == "address" and not low <= write.raw <= high:
-        key = "drives.write_broadcast" if write.raw in (0, profile.broadcast) else "drives.write_address"
-        raise LimitError(key, notation=write.parameter.notation, value=write.value, expected=f"{low}-{high}")
+        params = {"notation": write.parameter.notation, "value": write.value, "expected": f"{low}-{high}"}
+        if write.raw == profile.broadcast:
+            raise LimitError("drives.write_broadcast", **params)
+        if write.raw == 0:
+            raise LimitError("drives.write_address_zero", model=profile.model, **params)
+        raise LimitError("drives.write_address", **params)
     return write
