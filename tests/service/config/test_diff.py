@@ -17,6 +17,7 @@ from drivebus.service.config.diff import ConfigDiff
 from drivebus.service.config.model import (
     AlarmConfig,
     AlarmKind,
+    AuditConfig,
     BusConfig,
     DriveConfig,
     GatewayConfig,
@@ -180,3 +181,15 @@ def test_a_further_drive_on_a_bus_with_capacity_changes_no_other() -> None:
     assert unchanged(change) == ("fan", "fan-2") and list(change.drives.added) == ["fan-3"]
     back = config_diff(config.loads(more), config.loads(TEXT))
     assert unchanged(back) == ("fan", "fan-2") and back.drives.removed == ("fan-3",)
+
+
+def test_the_changed_fields_of_the_plant_itself_have_a_fixed_order() -> None:
+    """Regression: the page compares two checks of one file, each from a process of its own. Every other reload was
+    refused because the file had "changed meanwhile": a set of names has another order in each process."""
+    old = PlantConfig(id="mill", title=Text("", ""), directory=Path("a"), buses=(), drives=())
+    new = replace(
+        old, id="m", title=Text("M", "M"), directory=Path("b"), history=HistoryConfig(max_size_mb=1.0),
+        audit=AuditConfig(key=Path("k")), users=Path("u"), source="s",
+    )  # fmt: skip
+    changed = ["id", "title", "directory", "history", "audit", "users", "source"]
+    assert list(config_diff(old, new).others) == changed

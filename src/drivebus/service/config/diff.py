@@ -80,7 +80,10 @@ class ConfigDiff:
     reopened: tuple[str, ...]
     """Buses in both whose port is closed and opened again; the action of their drives is RECREATE."""
     others: Mapping[str, Any]
-    """Changed fields of the plant itself (``title``, ``history`` …) with their new values."""
+    """Changed fields of the plant itself (``title``, ``history`` …) with their new values, in a fixed order.
+
+    The page compares two checks of one file, each made in a process of its own, where a set has its own order.
+    """
 
     def __bool__(self) -> bool:
         """Whether anything changes."""
@@ -98,7 +101,8 @@ def config_diff(old: PlantConfig, new: PlantConfig) -> ConfigDiff:
     actions = {
         drive.id: _reload_action(drives[drive.id], drive, reopened) for drive in new.drives if drive.id in drives
     }
-    others = {name: getattr(new, name) for name in _changed_fields(old, new) - set(CONFIG_PARTS)}
+    changed = _changed_fields(old, new) - set(CONFIG_PARTS)
+    others = {field.name: getattr(new, field.name) for field in fields(new) if field.name in changed}
     return ConfigDiff(**parts, actions=actions, reopened=reopened, others=others)
 
 
