@@ -60,6 +60,40 @@ def test_an_echo_is_detected_and_removed(paced: bool, pieces: bool) -> None:
 
 
 @pytest.mark.parametrize("paced", [True, False])
+@pytest.mark.parametrize("pause_s", [0.0, 0.02])
+def test_a_reply_that_was_received_twice_is_not_called_a_collision_because_it_looked_like_an_echo(
+    paced: bool, pause_s: float
+) -> None:
+    """The first frame of the port is a write, whose reply equals it: twice, it looks like an echo with the reply."""
+    station = wire_to(FakeStation())
+
+    def doubling(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
+        replies = list(station(frame, ended_at))
+        yield from replies
+        yield from ((at + replies[-1][0] - replies[0][0] + CHARACTER_S + pause_s, data) for at, data in replies)
+
+    script = BusScript(make_core(1, has_line_timing=paced, echo="detect"), doubling)
+    script.submit(write_request(script.core), "stop")
+    script.result("stop")
+    for number in range(3):
+        script.submit(read_request(), number)
+        assert getattr(script.result(number).error, "key", "") == "bus.second_reply"
+
+
+def test_an_echo_that_was_assumed_from_a_write_is_certain_after_a_read() -> None:
+    script = BusScript(make_core(1, has_line_timing=False, echo="detect"), echoing(wire_to(FakeStation())))
+    script.submit(write_request(script.core), "write")
+    script.result("write")
+    for number in range(2):
+        script.submit(read_request(), number)
+        result = script.result(number)
+    assert result.error is None and script.core.echo.state is EchoState.ON
+    prepared = PreparedRequest(read_request(), None, script.core.stations[1], script.core.settings)
+    echo = script.core.echo.filter_for(prepared)
+    assert echo is not None and not echo.tentative, "a changed echo is a collision now"
+
+
+@pytest.mark.parametrize("paced", [True, False])
 def test_no_echo_is_detected_too(paced: bool) -> None:
     script = BusScript(make_core(1, has_line_timing=paced, echo="detect"), wire_to(FakeStation()))
     script.submit(read_request())

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any
 
 import pytest
 
+from drivebus.bus.messages import BusResult
 from drivebus.drives.operations.loopback import loopback_test
-from drivebus.errors import CapabilityError, NoReply
+from drivebus.errors import CapabilityError, NoReply, TrailingError
 from drivebus.protocols import modbus
 from fixtures.drives import FakeC320, FakeModbus, PureBus, dialect_for, operation_for
 
@@ -42,3 +44,19 @@ def test_a_silent_drive_and_a_model_without_loopback_are_errors() -> None:
     with pytest.raises(CapabilityError):
         other.run(loopback_test(operation_for(other.dialect), 5))
     assert not other.requests
+
+
+@pytest.mark.parametrize(("sent_first", "is_repeated"), [(True, True), (False, False)])
+def test_a_loop_back_that_is_received_twice_may_be_the_echo_of_the_adapter(sent_first: bool, is_repeated: bool) -> None:
+    """Regression: behind an echoing adapter a first write to a register that can't be read was never sent, because
+    "its reply was received twice". A read shows whether the port has an echo, and the loop-back is sent again."""
+    dialect = dialect_for("vc660")
+    steps = operation_for(dialect).sync()
+    probe = next(steps)
+    sent = dialect.codec.encode_request(probe.request)
+    received = sent * 2 if sent_first else b"\x01" + sent * 2
+    error = TrailingError("bus.second_reply", station=1)
+    following: list[Any] = []
+    with contextlib.suppress(StopIteration):
+        following.append(steps.send(BusResult(bus_request=probe, error=error, sent=sent, received=received)))
+    assert [step.request for step in following] == [dialect.echo_test_read()] * is_repeated

@@ -160,6 +160,7 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
     EchoDetector: {
         "ruled_out": "same",
         "state": "",
+        "_is_assumed": "",
         "_missing_echoes": "",
         "_mirrored_frame": "",
         "autodetect": "",

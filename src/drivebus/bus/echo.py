@@ -35,7 +35,7 @@ class EchoState(Enum):
 class EchoDetector:
     """Detector for one port: whether it echoes, and whether a reply that equals its request may be accepted."""
 
-    __slots__ = ("_mirrored_frame", "_missing_echoes", "autodetect", "echo_count", "ruled_out", "state")
+    __slots__ = ("_is_assumed", "_mirrored_frame", "_missing_echoes", "autodetect", "echo_count", "ruled_out", "state")
 
     def __init__(self, setting: str) -> None:
         self.autodetect = setting == "detect"
@@ -43,6 +43,9 @@ class EchoDetector:
         self.ruled_out = False
         """Whether a reply unlike its request was received without an echo before it: this port has no echo."""
         self.echo_count = 0
+        self._is_assumed = False
+        """Whether ``state`` is ON only because a reply that equals its request was received twice: the first of the two
+        may be the echo, or the adapter has none and something on the bus sends each reply twice."""
         self._missing_echoes = 0
         self._mirrored_frame = b""
         """Last frame that was received again completely and not accepted as a reply."""
@@ -50,15 +53,17 @@ class EchoDetector:
     def reset(self) -> None:
         """Reset the detection, because the adapter may be another one now."""
         self.ruled_out = False
-        self._missing_echoes, self._mirrored_frame = 0, b""
+        self._missing_echoes, self._mirrored_frame, self._is_assumed = 0, b"", False
         if self.autodetect:
             self.state = EchoState.UNKNOWN
 
     def filter_for(self, prepared: PreparedRequest) -> EchoFilter | None:
         """Return the filter for the bytes that follow this frame, None where no echo is expected."""
-        if self.state is EchoState.OFF or (self.state is EchoState.UNKNOWN and prepared.is_mirrorable()):
+        is_mirrorable = prepared.is_mirrorable()
+        if self.state is EchoState.OFF or (self.state is EchoState.UNKNOWN and is_mirrorable):
             return None
-        return EchoFilter(prepared.data, tentative=self.state is EchoState.UNKNOWN)
+        tentative = self.state is EchoState.UNKNOWN or (self._is_assumed and not is_mirrorable)
+        return EchoFilter(prepared.data, tentative=tentative)
 
     def observe(self, transaction: Transaction) -> None:
         """Update the state from a finished transaction."""
@@ -67,15 +72,17 @@ class EchoDetector:
             self.echo_count += 1
             self._missing_echoes = 0
             self.state = EchoState.ON
+            self._is_assumed = self._is_assumed and transaction.prepared.is_mirrorable()
         elif echo is not None and echo.tentative:
             alone = not echo.matched and transaction.message is not None and transaction.final_error() is None
-            self.state = EchoState.OFF if alone else EchoState.UNKNOWN
+            self.state, self._is_assumed = EchoState.OFF if alone else EchoState.UNKNOWN, False
         elif echo is not None:
             self._missing_echoes += 1
             if self.autodetect and self._missing_echoes >= MAX_MISSING_ECHOES:
                 self.reset()
         elif self.autodetect and (_echoed_before_tx_end(transaction) or _echoed_as_reply(transaction)):
             self.state, self.ruled_out = EchoState.ON, False
+            self._is_assumed = transaction.prepared.is_mirrorable() and not _echoed_before_tx_end(transaction)
 
     def accepts(self, transaction: Transaction) -> bool:
         """Return whether this complete reply is not our own frame; a reply unlike its request rules the echo out."""
@@ -89,9 +96,9 @@ class EchoDetector:
         return self.ruled_out
 
     def record_repeat(self, data: bytes) -> None:
-        """Check an unsolicited frame: a repeat of the last mirrored frame proves that the first one was our echo."""
+        """Check an unsolicited frame: after a repeat of the last mirrored frame, the first one counts as our echo."""
         if data and data == self._mirrored_frame:
-            self.state, self._mirrored_frame = EchoState.ON, b""
+            self.state, self._mirrored_frame, self._is_assumed = EchoState.ON, b"", True
 
 
 def _echoed_before_tx_end(transaction: Transaction) -> bool:

@@ -25,7 +25,6 @@ from drivebus.values import Text
 
 VERIFICATION_ROUNDS = 2  # a state is read this often, each time behind a sync probe of its own, and must agree
 EXTRA_VERIFICATION_ROUNDS = 3  # further rounds for a drive that changes its state between two reads
-MIRRORED_REPLY_KEY = "bus.own_echo"  # a loop-back's reply equals its request: accepted once the port has shown no echo
 CHECKS_TIMEOUT_S = 5.0  # limit from the request of a command to the end of its checks
 CHECKS_TIMEOUT_TRANSACTIONS = 40  # or this many transactions, where the bus is so slow (300 baud: 25 s)
 MAX_COMMAND_EXCHANGES = 64  # bound of the frames of commands and stops that an outcome carries
@@ -260,7 +259,7 @@ class OperationContext:
     def sync(self, avoid: Any = None) -> DriveOperation[DrivebusError | None]:
         """Send a sync probe, whose reply proves that replies are current, and return what went wrong."""
         result = yield from self.transact(self._sync_request(avoid))
-        if result.error is not None and getattr(result.error, "key", "") == MIRRORED_REPLY_KEY:
+        if _is_mirrored_reply(result):
             yield from self.transact(self.dialect.echo_test_read())
             result = yield from self.transact(self._sync_request(avoid))
         if result.error is not None:
@@ -484,6 +483,12 @@ def frame_exchange(result: BusResult) -> FrameExchange:
     )
     error = result.error
     return replace(exchange, error=error.key, params=error.params) if isinstance(error, DrivebusError) else exchange
+
+
+def _is_mirrored_reply(result: BusResult) -> bool:
+    """Return whether a reply that equals its request was rejected, once or twice received: it may be our echo."""
+    key = getattr(result.error, "key", "")
+    return key == "bus.own_echo" or (key == "bus.second_reply" and result.received.startswith(result.sent))
 
 
 def _as_drivebus_error(error: Exception) -> DrivebusError:
