@@ -14,8 +14,9 @@ from drivebus.errors import NotFound
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service import config
 from drivebus.service.alarms import Alarm, AlarmEngine, SystemAlarm
-from drivebus.service.alarms.engine import AUTOMATIC_ACKNOWLEDGER, MAX_UNACKNOWLEDGED_PER_KEY
+from drivebus.service.alarms.engine import MAX_UNACKNOWLEDGED_PER_KEY
 from drivebus.service.alarms.texts import signal_name
+from drivebus.service.auth.actor import SERVICE_NAME
 from drivebus.service.config.model import AlarmConfig, AlarmKind, AlarmPriority
 from drivebus.values import Quality, Text
 from fixtures.alarms import FAN, OVERCURRENT, RecordingAlarmLog, current, signal, view
@@ -410,7 +411,7 @@ def test_a_drive_that_reports_a_new_fault_each_time_keeps_few_alarms_in_memory_a
         f"a{n}" for n in range(100, 100 - MAX_UNACKNOWLEDGED_PER_KEY, -1)
     ]
     logged = log.alarms
-    assert {alarm.acknowledged_by for alarm in logged if alarm.id == "a1"} == {None, AUTOMATIC_ACKNOWLEDGER}
+    assert {alarm.acknowledged_by for alarm in logged if alarm.id == "a1"} == {None, SERVICE_NAME}
     assert len({alarm.id for alarm in logged}) == 100
 
 

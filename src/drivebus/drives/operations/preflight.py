@@ -101,8 +101,7 @@ def read_parameter_reply(op: OperationContext, parameter: Parameter) -> DriveOpe
 def _check_identity_code(op: OperationContext) -> DriveOperation[None]:
     """Read the code of the model. Raises StartInhibited where it is that of another one.
 
-    No reply and an unknown code prove nothing: other models with this map may have another code, or none. A stop does
-    not wait for it, because the models that share the codes share the command word.
+    A stop does not wait for it, because the models that share the codes share the command word.
     """
     codes, model = op.dialect.profile.identity_codes, op.dialect.profile.model
     if codes is None:
@@ -111,6 +110,7 @@ def _check_identity_code(op: OperationContext) -> DriveOperation[None]:
         if (yield from op.sync()) is not None:
             return
         result = yield from op.transact(request)
+        # No reply and an unknown code prove nothing: other models with this map may have another code, or none.
         code = None if result.error is not None else op.dialect.parameter_raw(result.reply)
         if code is not None and codes.names_other(code, model):
             models = " / ".join(codes.models[code])

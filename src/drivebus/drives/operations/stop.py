@@ -210,14 +210,13 @@ def _until_confirmed(
 def _read_or_wait(op: OperationContext, reads: DriveOperation[Any], last_sent_at: float) -> DriveOperation[bool]:
     """Perform reads, or wait for the next stop where the bus holds reads back for longer. Return whether it read.
 
-    Where a late reply could pass for that of a read, the bus holds them back for up to 5 s; the stop goes on. If that
-    begins while the reads wait, they fail.
+    The bus holds them back, for up to 5 s, where a late reply could pass for that of a read; the stop goes on.
     """
     conditions = yield from get_bus_conditions()
     if conditions.reads_wait_until > conditions.now + STOP_RESEND_INTERVAL_S:
         yield from wait(max(0.0, last_sent_at + STOP_RESEND_INTERVAL_S - conditions.now))
         return False
-    op.waits_in_quarantine = False
+    op.waits_in_quarantine = False  # reads that the bus begins to hold back while they wait fail
     yield from reads
     op.waits_in_quarantine = True
     return True

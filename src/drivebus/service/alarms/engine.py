@@ -24,6 +24,7 @@ from drivebus.service.alarms.model import (
 )
 from drivebus.service.alarms.occurrences import AlarmOccurrences
 from drivebus.service.alarms.texts import configured_alarm, system_alarm
+from drivebus.service.auth.actor import SERVICE_NAME
 from drivebus.service.config.model import AlarmConfig, AlarmKind, AlarmPriority, DriveConfig, title_of
 from drivebus.service.live.views import DriveView
 from drivebus.types import Json
@@ -89,11 +90,11 @@ DEFAULT_ALARMS = (
 )
 """Alarms of every drive for which the plant file configures none of that kind."""
 MAX_UNACKNOWLEDGED_PER_KEY = 20
-"""Cleared, unacknowledged alarms listed for one key: a drive may report another fault code each time."""
+"""Cleared, unacknowledged alarms listed for one key: a drive may report another fault code each time.
+
+The service acknowledges those beyond it; the alarm log keeps them."""
 MAX_OCCURRENCE_IDS = 5_000
 """Ids of occurrences that find their alarm: a user may act on what a page showed a moment ago."""
-AUTOMATIC_ACKNOWLEDGER = "drivebus"
-"""Acknowledges alarms beyond ``MAX_UNACKNOWLEDGED_PER_KEY``; the alarm log keeps them."""
 
 
 class AlarmEngine:
@@ -266,7 +267,7 @@ class AlarmEngine:
         """Acknowledge the oldest cleared alarms of this key beyond ``MAX_UNACKNOWLEDGED_PER_KEY``."""
         waiting = [one for one in self._with_key(alarm.key) if one.cleared_ms is not None]
         excess = waiting[: max(0, len(waiting) - MAX_UNACKNOWLEDGED_PER_KEY + 1)]
-        return [self._acknowledge(one, AUTOMATIC_ACKNOWLEDGER, alarm.raised_ms) for one in excess]
+        return [self._acknowledge(one, SERVICE_NAME, alarm.raised_ms) for one in excess]
 
     def _clear(self, key: AlarmKey, now_ms: int) -> list[AlarmChange]:
         id = self._uncleared.pop(key, None)

@@ -112,11 +112,11 @@ class AuditTrail:
     async def verify(self) -> Json:
         """Verify the files now and return the report. Raises AuditUnavailable if they cannot be read.
 
-        A separate process reads them, so that a long trail delays no bus. It has a process group of its own: Ctrl-Z in
-        the terminal of the service would suspend it, and the report would never come.
+        A separate process reads them, so that a long trail delays no bus.
         """
         paths = (self.paths.folder, self.paths.checkpoints, self.paths.key, self.paths.head)
         command = module_command("drivebus.service.audit", *map(str, paths))
+        # In the process group of the service, Ctrl-Z in its terminal would suspend the child: no report would come.
         child = await asyncio.create_subprocess_exec(*command, stdout=PIPE, stderr=PIPE, process_group=0)
         try:
             output, errors = await child.communicate()

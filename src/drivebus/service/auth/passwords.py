@@ -42,11 +42,12 @@ class PasswordHashing:
             raise AuthUnavailable("auth.busy")
 
     async def verify(self, encoded: str | None, password: str, *, is_known: bool = False) -> bool:
-        """Return whether a password matches a hash. Raises AuthUnavailable if too many hashes are waiting.
+        """Return whether a password matches the hash ``encoded``, which is None for an unknown user.
 
-        It takes as long for an unknown user (``encoded`` None) as for a wrong password. ``is_known``: it comes from a
-        browser or session in which the user has logged in before.
+        ``is_known``: it comes from a browser or session in which the user has logged in before. Raises AuthUnavailable
+        if too many hashes are waiting.
         """
+        # An unknown user takes as long as a wrong password: the time reveals no user names.
         arguments = (encoded or self._unknown_user_hash, normalized_password(password))
         matches = await self._in_thread(self._verify, *arguments, is_known=is_known)
         return matches and encoded is not None

@@ -180,8 +180,7 @@ class UserFile:
     """File of the user database, private to its owner. Programs may share it: each change re-reads it under a lock.
 
     Raises ConfigurationError if it cannot be read or written or has another content; it is never replaced by an empty
-    one. After a successful read later read errors are ignored: a broken edit or a removed file must not prevent a stop.
-    Users and tokens that another program changed are used and logged.
+    one. Users and tokens that another program changed are used and logged.
     """
 
     def __init__(self, path: Path) -> None:
@@ -197,13 +196,16 @@ class UserFile:
         return self._file_state is None and not os.path.lexists(self.path)
 
     def read(self) -> UserDatabase:
-        """Return the database; the file is read again only if it has changed."""
+        """Return the database; the file is read again only if it has changed.
+
+        Raises ConfigurationError until it could be read once.
+        """
         try:
             return self._read_if_changed()
         except ConfigurationError:
             if self._file_state is None:
                 raise
-            return self._database
+            return self._database  # a broken edit or a removed file must not prevent a stop
 
     def _read_if_changed(self) -> UserDatabase:
         try:

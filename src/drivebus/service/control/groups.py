@@ -81,9 +81,8 @@ class GroupCommands:
     async def start(self, params: GroupStartParams, actor: Actor, ticket: CommandTicket) -> Json:
         """Start the drives one after another; nothing is sent unless every one may start at its frequency.
 
-        A stop of any drive, or a leader that has not started, ends the sequence. Each drive after the first has a
-        start deadline of its own from its turn on. Raises Expired (TargetNotReached, where its frequency was sent) for
-        the first drive: then no other is tried.
+        A stop of any drive, or a leader that has not started, ends the sequence. Raises Expired (TargetNotReached,
+        where its frequency was sent) for the first drive: then no other is tried.
         """
         group, runtimes = self._require_control(params.group, actor)
         if group.id in self.progress:
@@ -102,7 +101,7 @@ class GroupCommands:
                 if runtime.id == group.leader and not _is_done(outcomes[runtime.id]):
                     return {"outcomes": outcomes | _skipped(group, runtimes[1:])}
                 self.progress[group.id] += 1
-                ticket = replace(ticket, issued_at=self.plant.now())
+                ticket = replace(ticket, issued_at=self.plant.now())  # the next drive has a start deadline of its own
         finally:
             self.progress.pop(group.id, None)
         return {"outcomes": outcomes}

@@ -62,8 +62,8 @@ class RemoteJogs:
     async def renew(self, params: ActiveJogParams, actor: Actor) -> Json:
         """Extend a jog. Raises StartInhibited where it had ended: the motor was stopped.
 
-        Raises ControlNotHeld where it is another session's, or another session has taken control since: then it ends.
-        Raises Superseded where a stop of the drive has ended it.
+        Raises Superseded where a stop of the drive has ended it, ControlNotHeld where it is another session's, or
+        another session has taken control since: then it ends.
         """
         jog = self._find(params)
         if jog.actor.session != actor.session:

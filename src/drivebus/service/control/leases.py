@@ -100,10 +100,11 @@ class ControlLeases:
     def require_answerable(self, drive: str, actor: Actor, now: float) -> ControlLease:
         """Return the lease whose holder ``actor`` answers for: its own, or on the local socket that of the same user.
 
-        Each command on that socket has a session of its own, so the answer comes from another terminal. Only the user
-        of the service opens the socket (mode 0600). Raises ControlNotHeld.
+        Raises ControlNotHeld.
         """
         lease = self.get(drive, now)
+        # Each command on that socket has a session of its own, so the answer comes from another terminal. Only the
+        # user of the service opens the socket (mode 0600).
         if lease is not None and lease.actor.is_same_local_user(actor):
             return lease
         return self.require_own(drive, actor, now)

@@ -109,9 +109,8 @@ class StopCommands:
     async def stop_started_drives(self, actor: Actor) -> Json:
         """Stop what this service started or adopted, unless the drive's ``on_service_stop`` is ``hold``.
 
-        A drive whose ramp is held is stopped in any case, and one that has not been read yet as soon as its first read
-        shows it running. Every other drive that may be running becomes an event.
-        Return the outcome of each stop, None where it was not known within the timeout.
+        A drive that has not been read yet is stopped as soon as its first read shows it running. Return the outcome of
+        each stop, None where it was not known within the timeout; any other drive that may be running becomes an event.
         """
         plant = self.plant
         timeout_at = plant.now() + SERVICE_STOP_TIMEOUT_S

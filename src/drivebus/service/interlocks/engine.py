@@ -74,8 +74,9 @@ class InterlockEngine:
         """Apply a configuration; unchanged interlocks keep their state. Raises as the constructor does.
 
         One that reads a drive of ``unread_drives``, whose polls start again, blocks starts until it is evaluated again,
-        because the values may be of another motor. For any other, an unknown value is a lost one.
+        because the values may be of another motor.
         """
+        # ``was_known``: for an interlock that reads no such drive, an unknown value is a lost one.
         new = {setting.id: _InterlockState(setting, parse(setting.require), was_known=True) for setting in settings}
         same = {id: old for id, old in self._states.items() if id in new and old.config == new[id].config}
         self._states = new | same

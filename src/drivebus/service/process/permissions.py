@@ -38,9 +38,8 @@ def check_plant_files(config: PlantConfig) -> None:
 def certificate_problems(config: PlantConfig) -> Iterator[ConfigurationError]:
     """Yield what is wrong where another user owns or can replace a TLS certificate or its key, or read the key.
 
-    A problem does not end the service: without a page the drives must still run. Who reads or replaces the key can
-    impersonate the page. A group may read the key. Files that cannot be read are left out, as their gateway reports
-    them.
+    A group may read the key; any other user who reads or replaces it can impersonate the page. A problem does not end
+    the service: without a page the drives must still run.
     """
     user = _service_user(config)
     for gateway in config.gateways:
@@ -55,7 +54,7 @@ def certificate_problems(config: PlantConfig) -> Iterator[ConfigurationError]:
                     except ConfigurationError as error:
                         is_mode = error.key == "plant.secret_readable"
                         yield ConfigurationError("plant.tls_key_mode", **error.params) if is_mode else error
-                    except OSError:
+                    except OSError:  # its gateway reports a file that cannot be read
                         continue
 
 

@@ -25,7 +25,7 @@ LOAD_TIMEOUT_S = 1.0  # a database that does not answer delays the start of the 
 MAX_OBSERVATION_GAP_S = 5.0
 """The time between two observations counts only up to this."""
 
-_TURNING_STATES = frozenset(state for state in DriveState if state.turning and state is not DriveState.PAUSED)
+_RUNNING_TIME_STATES = frozenset(state for state in DriveState if state.turning and state is not DriveState.PAUSED)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -77,7 +77,7 @@ class RunStatistics:
 
     def _count_state(self, view: DriveView, passed_s: float | None) -> None:
         """Count what follows from a known state."""
-        turns = view.state in _TURNING_STATES
+        turns = view.state in _RUNNING_TIME_STATES
         self.running_s, self.starts = self.running_s or 0.0, self.starts or 0
         if turns and self.turned and passed_s is not None:
             self.running_s += passed_s
