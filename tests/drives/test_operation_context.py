@@ -51,6 +51,7 @@ def test_a_rejected_sync_probe_is_no_valid_sync_reply() -> None:
     op = operation_for(bus.dialect)
     error = bus.run(op.read_verified_state())
     assert isinstance(error, NotPermitted) and error.key == "drives.sync_probe_rejected"
+    assert all("drivebus scan" in i18n.text(f"hint.{error.key}", language) for language in ("en", "zh"))
     assert op.derived.state is DriveState.UNKNOWN
     with pytest.raises(NotPermitted):
         bus.run(run(operation_for(bus.dialect), 10.0, None))
