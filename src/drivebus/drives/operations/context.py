@@ -38,17 +38,27 @@ class CommandAge:
         self.requested_at = requested_at  # None: unknown; the command is then as old as the end of its checks
         self.checks_started_at = checks_started_at  # None: not yet
         self.fastest_transaction_s = inf  # shortest transaction so far: the speed of this bus
+        self.longest_pause_s = 0.0  # longest time between two replies: no operation pauses by itself for so long
+        self._last_reply_at: float | None = None
 
     def add(self, result: BusResult) -> None:
         """Take a transaction into account."""
         if result.sent_at is not None and result.received_at is not None:
             self.fastest_transaction_s = min(self.fastest_transaction_s, result.received_at - result.sent_at)
+        if result.received_at is not None:
+            if self._last_reply_at is not None:
+                self.longest_pause_s = max(self.longest_pause_s, result.received_at - self._last_reply_at)
+            self._last_reply_at = result.received_at
 
     def check(self, now: float) -> None:
-        """Raise Expired where the checks took so long that a command after them would surprise the user."""
+        """Raise Expired where the checks took so long that a command after them would surprise the user.
+
+        So does a pause as long before the checks, in an earlier run of the same command: the host was suspended.
+        """
         transactions_s = CHECKS_TIMEOUT_TRANSACTIONS * self.fastest_transaction_s
         limit_s = max(CHECKS_TIMEOUT_S, transactions_s if isfinite(transactions_s) else 0.0)
         age_s = 0.0 if self.checks_started_at is None else now - self.checks_started_at
+        age_s = max(age_s, self.longest_pause_s)
         if age_s > limit_s:
             raise Expired("drives.checks_timeout", age_s=round(age_s, 2), limit_s=round(limit_s, 1))
 
