@@ -188,6 +188,18 @@ def test_a_group_is_not_started_without_a_follower_of_its_leader(
     assert bool(shown(text, ["page.group_start_blocked"], n=1, of=3)) is is_blocked
 
 
+@pytest.mark.parametrize("leader", ["fan-1", None])
+def test_a_group_with_a_tripped_drive_names_it_before_its_start_is_pressed(
+    draw: Draw, fan: Any, leader: str | None
+) -> None:
+    """The page offered a start that the service refuses."""
+    states = {"fan-1": "stopped", "fan-2": "fault", "fan-3": "stopped"}
+    topics = group_topics(fan | ONLINE_AND_STOPPED, states, "state", leader)
+    text = draw("fleet/group-panel", "GroupPanel", {"id": "air"}, topics=topics)
+    assert i18n.text("plant.member_fault", "en", drive="fan-2", group="air") in text
+    assert shown(text, ["page.group_start_blocked"], n=1, of=3)
+
+
 def test_the_offline_drives_of_a_group_are_counted(draw: Draw, fan: Any) -> None:
     keys = ["page.group_stopped", "page.group_offline"]
     for offline in (0, 2, 3):

@@ -43,9 +43,13 @@ function ActionForAll({ views, act, text, ...rest }) {
     <${ErrorNote} error=${error} /></div>`;
 }
 
-/** Reasons against a start of the group now. A leader's follower must be online: its own start does not ask for that. */
-function blockersOf({ start_blockers, id, presence }, { id: group, leader }) {
+/** Reasons against a start of the group now. A member must report no fault, and a leader's follower must be online. */
+function blockersOf({ start_blockers, id, presence, state }, { id: group, leader }) {
   const blockers = start_blockers.map((one) => ({ ...one, id }));
+  if (state === "fault") {
+    const params = { drive: driveTitle(id), group: groupTitle(group) };
+    blockers.push({ id, key: "plant.member_fault", params, text: t("plant.member_fault", params) });
+  }
   if (!leader || id === leader || presence === "online") return blockers;
   const params = { drive: id, group: groupTitle(group), leader: driveTitle(leader) };
   return [...blockers, { id, key: "plant.member_offline", params, text: t("plant.member_offline", params) }];
