@@ -16,7 +16,7 @@ import pytest
 from drivebus import profiles
 from drivebus.bus.trace import TraceEvent, TraceKind
 from drivebus.capture.dbcap import CaptureHeader, read_capture
-from drivebus.errors import NoReply, NotFound
+from drivebus.errors import NoReply, NotFound, ServiceError
 from drivebus.serial_settings import SerialSettings
 from drivebus.service.alarms import Alarm, AlarmEngine, SystemAlarm
 from drivebus.service.incidents import IncidentRecorder, IncidentStore
@@ -279,6 +279,32 @@ def test_a_damaged_incident_hides_no_other_and_ends_no_recording(tmp_path: Path,
     assert [item["id"] for item in store.query(*ALL_TIME)["items"]] == ids[1:]
     assert store.add_note(ids[0], {"text": "found"}) == [{"text": "found"}]
     assert store.write("fan-1", {"time_ms": 3, "drive": "fan-1"}, {}, CaptureHeader(SERIAL), []) == "000003-fan-1"
+
+
+@pytest.mark.parametrize("damaged", [b"", b'{"id": ', b"\xff\xfe", b"[]", b"{}", None])
+def test_an_incident_whose_file_is_damaged_or_missing_is_not_called_unknown(
+    tmp_path: Path, damaged: bytes | None
+) -> None:
+    """The error names the file, and where the frames are."""
+    store = IncidentStore(tmp_path)
+    id = store.write("fan-1", {"time_ms": 1, "drive": "fan-1"}, {}, CaptureHeader(SERIAL), [])
+    file = tmp_path / id / "incident.json"
+    file.unlink() if damaged is None else file.write_bytes(damaged)
+    with pytest.raises(ServiceError, match=r"frames\.dbcap") as caught:
+        store.get(id)
+    assert not isinstance(caught.value, NotFound)
+    assert str(file) in str(caught.value) and "backup" in str(caught.value)
+
+
+def test_an_incident_without_readable_frames_says_why(tmp_path: Path) -> None:
+    store = IncidentStore(tmp_path)
+    id = store.write("fan-1", {"time_ms": 1, "drive": "fan-1"}, {}, CaptureHeader(SERIAL), [])
+    assert store.get(id)["capture_problem"] is None
+    file = tmp_path / id / "frames.dbcap"
+    file.unlink()
+    incident = store.get(id)
+    assert incident["capture"] is None
+    assert str(file) in incident["capture_problem"]["en"] and str(file) in incident["capture_problem"]["zh"]
 
 
 @pytest.mark.parametrize("id", ["../secret", "000009-fan-1", "", "000001-fan-1/../../x", ".000001-fan-1", "000001-FAN"])

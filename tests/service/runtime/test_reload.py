@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -20,6 +23,7 @@ from drivebus.errors import (
 )
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.config.load import load
+from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import GatewayStatus
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
@@ -419,5 +423,59 @@ def test_a_file_that_others_can_write_is_not_taken_over(tmp_path: Path) -> None:
             file.chmod(0o644)
             await kit.call("configuration.reload")
             assert kit.service.plant.config.drives[0].limits.maximum_hz == 40.0
+
+    run(scenario())
+
+
+@contextmanager
+def failing_status(drive: DriveRuntime) -> Iterator[None]:
+    """Let the status of a drive fail, as by a dialect that can't decode what it reports; it is logged each time."""
+
+    def fail() -> None:
+        raise ZeroDivisionError
+
+    with pytest.MonkeyPatch.context() as context:
+        context.setattr(logging.getLogger("drivebus.service"), "exception", lambda *_: None)
+        context.setattr(drive, "status", fail)
+        yield
+
+
+@pytest.mark.parametrize("replaced", [False, True])
+def test_a_drive_whose_status_cannot_be_made_does_not_leave_its_bus_and_the_refusal_names_it(
+    tmp_path: Path, replaced: bool
+) -> None:
+    """It stood still when its state was known last, and may have been started at its keypad since."""
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2, PUMP)
+
+    async def scenario() -> None:
+        async with running_service(load(file)) as kit:
+            await asyncio.sleep(5)
+            drive = kit.service.plant.drives["fan-2"]
+            write(file, FAN_1, FAN_2.replace("address = 2", "address = 3") if replaced else "", PUMP)
+            with failing_status(drive), pytest.raises(ServiceError, match=r"fan-2.*restart the service") as refused:
+                await kit.call("configuration.reload")
+            assert refused.value.key == "plant.reload_no_status"
+            assert kit.service.plant.drives["fan-2"] is drive
+            await kit.call("configuration.reload")
+            assert kit.service.plant.drives.get("fan-2") is not drive
+
+    run(scenario())
+
+
+def test_new_limits_of_a_drive_whose_status_cannot_be_made_apply_with_all_other_changes(
+    tmp_path: Path,
+) -> None:
+    """The reload had failed after its changes were made, without an answer that says so."""
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2, PUMP)
+
+    async def scenario() -> None:
+        async with running_service(load(file)) as kit:
+            await asyncio.sleep(5)
+            drive = kit.service.plant.drives["fan-2"]
+            write(file, FAN_1, FAN_2, "[drive.fan-2.limits]\nmaximum_hz = 30.0\n")
+            with failing_status(drive):
+                found = await kit.call("configuration.reload")
+            assert found["difference"] == {"added": [], "changed": ["fan-2"], "removed": ["pump-1"]}
+            assert drive.drive.range_hz[1] == 30.0
 
     run(scenario())

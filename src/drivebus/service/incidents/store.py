@@ -16,7 +16,8 @@ from typing import Final
 
 from drivebus.atomic_write import atomic_write_private, fsync_directory
 from drivebus.capture.dbcap import CaptureError, CaptureHeader, CaptureWriter
-from drivebus.errors import NotFound
+from drivebus.errors import NotFound, ServiceError, SystemReason
+from drivebus.service.api.errors import localized
 from drivebus.service.api.paging import page
 from drivebus.service.ids import ID_CHARACTERS
 from drivebus.types import Json
@@ -25,6 +26,7 @@ INCIDENT_ID: Final = re.compile(rf"(\d{{6,12}})-{ID_CHARACTERS}")  # number and 
 MAX_INCIDENTS: Final = 200
 MAX_INCIDENT_BYTES: Final = 200 * 1024 * 1024
 """All incidents together; beyond it the oldest are deleted."""
+INCIDENT_FILE: Final = "incident.json"
 CAPTURE_FILE: Final = "frames.dbcap"
 NOTES_FILE: Final = "notes.json"
 MAX_NOTES: Final = 100
@@ -52,7 +54,7 @@ class IncidentStore:
         part = self.folder / f".{id}"
         part.mkdir(mode=0o700)
         _write_capture(part / CAPTURE_FILE, header, frames)
-        atomic_write_private(part / "incident.json", _encode({"id": id, **summary, **incident}))
+        atomic_write_private(part / INCIDENT_FILE, _encode({"id": id, **summary, **incident}))
         atomic_write_private(part / "summary.json", _encode({"id": id, **summary}))
         part.rename(self.folder / id)
         fsync_directory(self.folder)
@@ -77,15 +79,18 @@ class IncidentStore:
     def get(self, id: str) -> Json:
         """Return an incident, with ``parameters`` (None if not read), ``notes`` and the bus's frames as ``capture``.
 
-        Damaged bytes of the capture become escapes; it is None where its file can't be read. Raises NotFound.
+        Damaged bytes of the capture become escapes; it is None where its file can't be read, with the reason as
+        ``capture_problem``. Raises NotFound, and ServiceError where the incident's own file is missing or damaged.
         """
         path = self._path(id)
-        incident = _read_json(path / "incident.json")
-        if incident is None:
-            raise NotFound("alarms.no_incident", incident=id)
-        capture = _read_capture(path / CAPTURE_FILE, f"{id}.dbcap")
-        notes = _read_notes(path / NOTES_FILE)
-        return incident | {"parameters": _read_json(path / "parameters.json"), "notes": notes, "capture": capture}
+        incident = _read_json(path / INCIDENT_FILE)
+        if incident is None or not _is_summary(incident):
+            raise ServiceError("alarms.incident_damaged", incident=id, file=str(path / INCIDENT_FILE))
+        return incident | {
+            "parameters": _read_json(path / "parameters.json"),
+            "notes": _read_notes(path / NOTES_FILE),
+            **_read_capture(path / CAPTURE_FILE, f"{id}.dbcap"),
+        }
 
     def query(
         self, from_ms: int, to_ms: int, drive: str | None = None, cursor: str | None = None, limit: int = 100
@@ -153,12 +158,14 @@ def _read_json(path: Path) -> Json | None:
     return document if isinstance(document, dict) else None
 
 
-def _read_capture(path: Path, name: str) -> Json | None:
-    """Return a capture file as text; None if it is missing or can't be read."""
+def _read_capture(path: Path, name: str) -> Json:
+    """Return a capture file as text, or why there is none."""
     try:
-        return {"name": name, "text": path.read_text(encoding="utf-8", errors="backslashreplace")}
-    except OSError:
-        return None
+        text = path.read_text(encoding="utf-8", errors="backslashreplace")
+    except OSError as error:
+        problem = localized("alarms.capture_unread", {"file": str(path), "reason": SystemReason(error)})
+        return {"capture": None, "capture_problem": problem}
+    return {"capture": {"name": name, "text": text}, "capture_problem": None}
 
 
 def _is_summary(stored: Json) -> bool:

@@ -107,6 +107,11 @@ class DriveRuntime:
         return status is None or status.state is DriveState.UNKNOWN
 
     @property
+    def has_status(self) -> bool:
+        """Whether its status can be made."""
+        return self._status_or_none() is not None
+
+    @property
     def is_online(self) -> bool:
         """Whether it has answered its last request."""
         return self.bus.presence(self.config.address) is Presence.ONLINE
@@ -162,14 +167,14 @@ class DriveRuntime:
     @property
     def above_limit_hz(self) -> float | None:
         """Frequency at which it runs or to which it was set, where that is above its limit, which slows no motor."""
-        status = self.status()
-        read = status.readings.get("output_frequency")
+        status = self._status_or_none()
+        read = None if status is None else status.readings.get("output_frequency")
         is_read = read is not None and read.quality is Quality.GOOD and isinstance(read.value, int | float)
         read_hz = float(read.value) if is_read else 0.0  # type: ignore[union-attr, arg-type]
         set_hz = self.commanded_hz if self.runs_for_service else None  # else it was started at its keypad
         frequency_hz = max(read_hz, set_hz or 0.0)
         is_above = frequency_hz > self.drive.range_hz[1] + FREQUENCY_TOLERANCE_HZ
-        return frequency_hz if is_above and (self.runs_for_service or status.state.turning) else None
+        return frequency_hz if is_above and (self.runs_for_service or self.turning) else None
 
     def set_limits(self, own: DriveLimits | None) -> None:
         """Apply limits set by an engineer; None restores those of the configuration."""

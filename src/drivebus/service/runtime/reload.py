@@ -101,8 +101,11 @@ class ConfigReload:
         return await asyncio.get_running_loop().run_in_executor(None, work)
 
     def _refuse_if_running(self, change: ConfigDiff) -> None:
-        """Raise ServiceError where a drive that leaves its bus may be running."""
+        """Raise ServiceError where a drive that leaves its bus may be running, or has no status that says so."""
         lost = [id for id in _leaving_drives(change) if id in self.plant.drives]
+        unreadable = [id for id in lost if not self.plant.drives[id].has_status]
+        if unreadable:
+            raise ServiceError("plant.reload_no_status", drives=Text.join_names(unreadable))
         turning = [id for id in lost if may_be_running(self.plant.drives[id]) or self.plant.drives[id].drive.stopping]
         if turning:
             raise ServiceError("plant.reload_turning", drives=Text.join_names(turning))

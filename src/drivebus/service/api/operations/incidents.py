@@ -93,7 +93,8 @@ class IncidentResponse(IncidentSummaryObject):
     """An incident as it was recorded, with what was added later.
 
     ``raised`` and ``view`` are the alarm and the drive as that version of drivebus described them. ``parameters`` were
-    read afterwards, null where that failed. ``capture`` is null where its file can't be read.
+    read afterwards, null where that failed. ``capture`` is null where its file can't be read, and
+    ``capture_problem`` says why.
     """
 
     before_s: float
@@ -106,6 +107,7 @@ class IncidentResponse(IncidentSummaryObject):
     parameters: dict[str, ReadingObject] | None
     notes: list[IncidentNoteObject]
     capture: CaptureObject | None
+    capture_problem: LocalizedText | None
 
 
 class IncidentNotesResponse(ApiObject):

@@ -36,6 +36,7 @@ function IncidentDetails({ id }) {
         null, 1))}>${t("page.save_incident")}<//>
       ${found.capture && html`<${Button} icon="download" title=${t("page.save_capture_help")}
         onClick=${() => saveText(found.capture.name, found.capture.text)}>${t("page.save_capture")}<//>`}</div>
+    ${found.capture_problem && html`<${Notice} kind="warning">${localized(found.capture_problem)}<//>`}
     <${Trip} found=${found} /><${Notes} key=${id} found=${found} />
     <section class="panel stack"><h2>${t("page.incident_signals")}</h2><${Signals} found=${found} /></section>
     <section class="panel stack"><h2>${t("page.incident_states")}</h2><${States} found=${found} /></section>
