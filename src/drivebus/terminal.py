@@ -14,12 +14,14 @@ def open_missing_streams() -> None:
     """Open the null device in the place of each standard stream that was closed when the process began.
 
     Otherwise the first file or port that is opened would get its number, and Python's stream would be None.
+    What is written to standard output fails, as on a full disk: a result that is lost is no success.
     """
-    for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+    streams = (("stdin", "r", os.O_RDWR), ("stdout", "w", os.O_RDONLY), ("stderr", "w", os.O_RDWR))
+    for number, (name, mode, access) in enumerate(streams):
         try:
             os.fstat(number)
         except OSError:
-            null_device = os.open(os.devnull, os.O_RDWR)  # with the lowest free number, which is this one
+            null_device = os.open(os.devnull, access)  # with the lowest free number, which is this one
             os.set_inheritable(null_device, True)
             setattr(sys, name, os.fdopen(null_device, mode, encoding="utf-8"))
 

@@ -213,6 +213,13 @@ def test_a_wrong_usage_ends_with_two_where_its_output_is_lost() -> None:
     assert run_shell(">/dev/full", *COMMAND, "stop", "--unknown", "--json").returncode == 2
 
 
+@pytest.mark.parametrize(("words", "code"), [(("--version",), 2), (STOP, 0)])
+def test_a_closed_standard_output_is_an_error_but_not_of_a_stop(words: tuple[str, ...], code: int) -> None:
+    """A status whose output was lost ended without a message, with the exit code of success."""
+    result = run_shell(">&-", *COMMAND, *words)
+    assert (result.returncode, "can't be written: Bad file descriptor" in result.stderr) == (code, True)
+
+
 STREAMS = """
 import json, os, sys
 from drivebus.terminal import open_missing_streams

@@ -14,6 +14,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from drivebus.cli import errors, output
+from drivebus.terminal import discard_output
 
 _MAX_HELP_CELLS = 100
 _MIN_HELP_CELLS = 50
@@ -263,7 +264,10 @@ class LazyGroup(_LocalizedHelp, click.Group):
         except DrivebusError as error:
             return errors.report_error(error)
         except OSError as error:
-            return errors.report_error(errors.from_os_error(error))
+            code = errors.report_error(errors.from_os_error(error))
+            if error.filename is None:  # standard output: Python would write it again at the end, and exit with 120
+                discard_output(sys.stdout)
+            return code
 
 
 def common_options() -> list[click.Parameter]:
