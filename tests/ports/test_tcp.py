@@ -73,7 +73,8 @@ async def test_bytes_go_both_ways_without_line_timing_or_parity() -> None:
         with pytest.raises(PortLost):
             port.write(b"x")
         await port.open(sink)
-        assert (await refused(port)).key == "ports.already_open"
+        again = await refused(port)
+        assert (again.key, again.params["port"]) == ("ports.already_open", f"tcp://127.0.0.1:{number}")
         await port.close()
         assert sink.lost == []
 

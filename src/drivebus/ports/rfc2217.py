@@ -179,16 +179,16 @@ class Rfc2217Port(SerialServerPort):
     async def open(self, receiver: Receiver) -> None:
         """Connect, negotiate, set the serial format. Raises PortUnavailable with the reason and the remedy."""
         if self._connection is not None:
-            raise PortUnavailable("ports.already_open", port=self.identity)
+            raise PortUnavailable("ports.already_open", port=self._name)
         self._telnet, self._failure = TelnetClient(), None
-        connection = TcpConnection(self.identity, self._on_data, self._on_lost)
+        connection = TcpConnection(self._name, self._on_data, self._on_lost)
         await connection.connect(self._host, self._port, self._timeout_s)
         self._connection = connection
         try:
             await self._negotiate(connection)
         except PortLost as error:
             await self.close()
-            raise PortUnavailable("ports.net", port=self.identity, reason=error.params.get("reason", "")) from error
+            raise PortUnavailable("ports.net", port=self._name, reason=error.params.get("reason", "")) from error
         except BaseException:
             await self.close()
             raise
@@ -197,7 +197,7 @@ class Rfc2217Port(SerialServerPort):
     def write(self, data: bytes, /) -> None:
         """Raises PortLost; the receiver gets ``port_lost`` once, later."""
         if self._connection is None or self._receiver is None:
-            raise PortLost("ports.not_open", port=self.identity)
+            raise PortLost("ports.not_open", port=self._name)
         self._connection.write(escape(data))
 
     async def close(self) -> None:
@@ -210,9 +210,9 @@ class Rfc2217Port(SerialServerPort):
         connection.write(self._telnet.start())
         await self._wait_until(lambda: self._telnet.accepted is not None)
         if self._telnet.accepted is False:
-            raise PortUnavailable("ports.rfc2217_refused", port=self.identity, host=self._host, number=self._port)
+            raise PortUnavailable("ports.rfc2217_refused", port=self._name, host=self._host, number=self._port)
         if not self._telnet.is_telnet:
-            raise PortUnavailable("ports.rfc2217_silent", port=self.identity, host=self._host, number=self._port)
+            raise PortUnavailable("ports.rfc2217_silent", port=self._name, host=self._host, number=self._port)
         commands = serial_commands(self.settings)
         connection.write(self._telnet.configure(self.settings))
         await self._wait_until(lambda: {*commands, PURGE_DATA} <= self._telnet.acknowledged.keys())
@@ -228,7 +228,7 @@ class Rfc2217Port(SerialServerPort):
             elif acknowledged != value:
                 raise PortUnavailable(
                     "ports.rfc2217_value",
-                    port=self.identity,
+                    port=self._name,
                     name=name,
                     expected=int.from_bytes(value),
                     found=int.from_bytes(acknowledged),

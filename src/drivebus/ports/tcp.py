@@ -123,7 +123,8 @@ class SerialServerPort:
         self.capabilities = Capabilities()
         self.echo: EchoSetting = url.echo()
         self.url = url.text
-        self.identity = f"{url.scheme}:{url.host}:{url.port}"
+        self.identity = f"{url.scheme}:{url.host}:{url.port}"  # a key of stored counters and calibrations
+        self._name = url.text.partition("?")[0]  # in messages, as the user writes it
         self._host, self._port = url.host, url.port or 0
         self._timeout_s = url.number("timeout", CONNECT_TIMEOUT_S, 0.1, 60)
         self._connection: TcpConnection | None = None
@@ -135,20 +136,20 @@ class TcpPort(SerialServerPort):
     async def open(self, receiver: Receiver) -> None:
         """Connect to the converter. Raises PortUnavailable with the reason and the remedy."""
         if self._connection is not None:
-            raise PortUnavailable("ports.already_open", port=self.identity)
+            raise PortUnavailable("ports.already_open", port=self._name)
 
         def on_lost(error: PortLost) -> None:
             self._connection = None
             receiver.port_lost(error)
 
-        connection = TcpConnection(self.identity, receiver.data_received, on_lost)
+        connection = TcpConnection(self._name, receiver.data_received, on_lost)
         await connection.connect(self._host, self._port, self._timeout_s)
         self._connection = connection
 
     def write(self, data: bytes, /) -> None:
         """Raises PortLost; the receiver gets ``port_lost`` once, later."""
         if self._connection is None:
-            raise PortLost("ports.not_open", port=self.identity)
+            raise PortLost("ports.not_open", port=self._name)
         self._connection.write(data)
 
     async def close(self) -> None:
