@@ -121,7 +121,10 @@ def test_the_notes_of_a_plain_view_fit_a_narrow_terminal(
 def test_the_log_of_the_demo_is_in_the_language_of_the_command_and_leaves_no_drive_running(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Regression: ``drivebus demo --lang zh`` logged in English, and warned at Ctrl-C of drives that ended with it."""
+    """Regression: ``drivebus demo --lang zh`` logged in English, and warned at Ctrl-C of drives that ended with it.
+
+    Its first line was the checkpoint of an audit trail that ends with it too.
+    """
     handler = logging.handlers.BufferingHandler(100)
     for name in ("drivebus", None):
         log = logging.getLogger(name)
@@ -135,7 +138,7 @@ def test_the_log_of_the_demo_is_in_the_language_of_the_command_and_leaves_no_dri
     monkeypatch.setattr(host.signal, "signal", lambda *_: None)
 
     async def log_events(*_: object) -> ExitCode:
-        for kind in ("stop", "not_stopped"):
+        for kind in ("stop", "not_stopped", "checkpoint"):
             logging_setup.log_event({"kind": kind, "drive": "pump-1", "text": {"en": f"en {kind}", "zh": f"zh {kind}"}})
         return ExitCode.DONE
 

@@ -575,6 +575,7 @@ async def test_the_log_names_a_checkpoint_at_the_start_each_hour_and_at_the_end(
         await trail.record(sample_entry(1))
         await trail.close()
     assert logged() == [1, 3, 4]
+    assert [record.__dict__["event"]["kind"] for record in caplog.records] == ["checkpoint"] * 3
 
 
 def test_an_unreadable_trail_cannot_be_verified(tmp_path: Path) -> None:

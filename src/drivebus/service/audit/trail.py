@@ -150,7 +150,8 @@ class AuditTrail:
         if closing or logged is None or not 0 <= checkpoint.time_ms - logged < LOG_INTERVAL_MS:
             self._logged_ms = checkpoint.time_ms
             n, number, mac = checkpoint.n, checkpoint.number, checkpoint.mac
-            LOG.info(i18n.preferred_text("log.checkpoint", record=n, checkpoint=number, mac=mac))
+            text = i18n.preferred_text("log.checkpoint", record=n, checkpoint=number, mac=mac)
+            LOG.info(text, extra={"event": {"kind": "checkpoint"}})
 
     async def close(self) -> None:
         """Write queued records and a last checkpoint, then close the files. Idempotent."""
