@@ -55,6 +55,7 @@ def test_the_usual_words_for_help_and_version_work(path: tuple[str, ...]) -> Non
     for words in ([*path, "-h", "--lang", "en"], ["help", *path, "--lang", "en"]):
         assert CliRunner().invoke(cli, words).stdout == expected != ""
     assert CliRunner().invoke(cli, ["-V"]).stdout.startswith("drivebus ")
+    assert json.loads(CliRunner().invoke(cli, ["--version", "--json"]).stdout).keys() == {"version"}
 
 
 @pytest.mark.parametrize(("path", "command"), [(p, c) for p, c in TREE if isinstance(c, CliCommand)])

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import click
 
+from drivebus.cli import output
 from drivebus.cli.click_ext import LazyGroup, Option
 
 
@@ -30,7 +31,9 @@ def _version(ctx: click.Context, option: click.Parameter, value: bool) -> None:
     if value and not ctx.resilient_parsing:
         from importlib.metadata import version
 
-        click.echo(f"drivebus {version('drivebus')}")
+        number = version("drivebus")
+        output.print_text(f"drivebus {number}")
+        output.print_json({"version": number})
         ctx.exit()
 
 
