@@ -177,6 +177,27 @@ def test_a_motion_that_was_read_before_a_stop_is_marked_until_the_drive_is_read_
     expect(mark).not_to_contain_text(last_known)
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_reason_of_the_last_stop_is_shown_whole(visit: Any, language: str) -> None:
+    """At 1280 pixels it ended with an ellipsis, before its time."""
+    page = visit("#/drive/fan-1", language=language)
+    overflow = page.evaluate("""async () => {
+      const store = await import('/static/js/store.js');
+      const found = [];
+      for (const kind of ['automatic', 'test', 'all']) {
+        const last_stop = { kind, actor: 'administrator', time_ms: Date.now() };
+        while (document.querySelector('.last-stop')?.dataset.stopBy !== kind) {
+          store.applyDelta({ topics: { 'drives/fan-1': { last_stop } } });  // again after each publication
+          await new Promise(requestAnimationFrame);
+        }
+        const text = document.querySelector('.last-stop span');
+        if (text.scrollHeight > text.clientHeight) found.push(kind);
+      }
+      return found;
+    }""")
+    assert overflow == []
+
+
 def test_a_stop_has_the_time_of_the_service_where_the_browser_has_another(stage: Stage, visit: Any) -> None:
     """On a tablet whose clock was hours wrong it differed from the audit trail, and from the alarms beside it."""
     page = visit("#/drive/fan-1")
