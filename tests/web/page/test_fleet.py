@@ -254,7 +254,7 @@ def test_on_a_phone_no_state_runs_under_the_stop_button_of_its_tile(visit: Any) 
 
 def test_on_a_phone_the_mark_of_an_alarm_covers_neither_state_nor_direction(visit: Any) -> None:
     """Regression: it stood on the arrow of a running drive, so that forward and reverse looked alike."""
-    page = visit("#/fleet", size=(375, 812))
+    page = visit("#/fleet", size=(360, 740))
     page.add_init_script(ALARMED_NAMES.replace("state: STATE", "state: 'running', direction: 'forward'"))
     page.reload()
     page.locator(".tile .priority").nth(4).wait_for()
