@@ -121,8 +121,16 @@ def test_a_cursor_far_from_any_sample_reads_nothing(scripts: Any) -> None:
 
 
 def test_stretches_of_uncertain_and_bad_quality_are_shown_below(scripts: Any) -> None:
-    found = module(scripts, "columns", f"m.stretches({json.dumps(SERIES)})")
-    assert [(one["from"], one["to"], one["q"]) for one in found] == [(2000, 3000, 2), (3000, 4000, 1), (5000, 5000, 2)]
+    found = module(scripts, "columns", f"m.stretches({json.dumps(SERIES)}, 9000)")
+    assert [(one["from"], one["to"], one["q"]) for one in found] == [(2000, 3000, 2), (3000, 4000, 1), (5000, 9000, 2)]
+
+
+def test_after_the_port_was_lost_there_is_a_gap_up_to_now_also_on_a_page_that_is_loaded_later(scripts: Any) -> None:
+    """The lines ended in the middle of the chart, without the bar that says why."""
+    stored = {name: column[:5] for name, column in SERIES.items()}
+    live = [{"t": 3900, "v": 13, "q": 2}]  # the last value that was read, before the last stored point of a second
+    found = module(scripts, "columns", f"m.stretches(m.extended({json.dumps(stored)}, {json.dumps(live)}), 9000)")
+    assert found[-1] == {"from": 4001, "to": 9000, "q": 2}
 
 
 def test_zooming_keeps_the_moment_under_the_pointer_and_stays_between_5_s_and_11_years(scripts: Any) -> None:

@@ -49,10 +49,12 @@ export function table(tags, series, words = []) {
 /** Series of a tag without samples. */
 export const EMPTY_SERIES = { t: [], min: [], mean: [], max: [], q: [] };
 
-/** A series extended by the live samples after its last one; a null value is a gap. */
+/** A series extended by the live samples after its last one; a null value is a gap. A value that is no longer usable, and
+ * was not read after the last stored sample, is a gap behind that. */
 export function extended(series, live) {
   const last = series.t.at(-1) ?? -Infinity;
   const newer = live.filter((sample) => sample.t > last);
+  if (!newer.length && live.at(-1)?.q === BAD) newer.push({ ...live.at(-1), t: last + 1 });
   if (!newer.length) return series;
   const values = newer.map((sample) => (sample.q === BAD ? null : sample.v));
   return {
@@ -104,8 +106,9 @@ export function summary(series, { from, to }) {
   return count ? { low, mean: sum / count, high } : null;
 }
 
-/** Stretches of one quality within a series, drawn as a strip below the plot. */
-export function stretches(series) {
+/** Stretches of one quality within a series, drawn as a strip below the plot. After a bad value nothing is known until
+ * `now`: a lost port sends no further samples. */
+export function stretches(series, now) {
   const found = [];
   if (!series) return found;
   series.t.forEach((t, at) => {
@@ -114,6 +117,8 @@ export function stretches(series) {
     if (last) last.to = t;
     if (!last || last.q !== q) found.push({ from: t, to: t, q });
   });
+  const newest = found.at(-1);
+  if (newest?.q === BAD) newest.to = Math.max(newest.to, now);
   return found.filter((stretch) => stretch.q !== GOOD);
 }
 

@@ -71,6 +71,11 @@ export class TrendSource {
     return this.joined;
   }
 
+  /** Moment up to which the samples tell what is known. */
+  end() {
+    return serviceNow();
+  }
+
   _join() {
     const now = serviceNow();
     return Object.fromEntries(this.tags.map((tag) => {

@@ -44,6 +44,11 @@ export class StaticSource {
   seriesWithLive() {
     return this.series.peek();
   }
+
+  /** A recorded trend ends with its last sample. */
+  end() {
+    return -Infinity;
+  }
 }
 
 /** States of the drive as stretches, each until the next one: `{from, to, isAlarm, text()}`. */

@@ -163,7 +163,7 @@ class ChartController {
     const series = this.source.seriesWithLive();
     this.data = table(this.lines.map((line) => line.tag), series, this.lines.filter(isWord).map((line) => line.tag));
     this.strips = this.lines
-      .map((line) => ({ tag: line.tag, hue: line.hue, stretches: stretches(series[line.tag]) }))
+      .map((line) => ({ tag: line.tag, hue: line.hue, stretches: stretches(series[line.tag], this.source.end()) }))
       .filter((strip) => strip.stretches.length);
   }
 }
