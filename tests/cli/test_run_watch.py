@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from drivebus.cli.run_watch import RunWatch
@@ -19,12 +21,17 @@ def status(
     state: DriveState = DriveState.RUNNING,
     quality: Quality = Quality.GOOD,
 ) -> DriveStatus:
-    frequency = Reading(value=hz, unit="Hz", quality=quality, source_time=0.0)
+    frequency = Reading(value=hz, unit="Hz", quality=quality)
     return DriveStatus(state=state, direction=direction, readings={"output_frequency": frequency})
 
 
 def remarks(watch: RunWatch, *shown: DriveStatus, period_s: float = 0.5) -> list[str]:
-    return [remark.key for turn, one in enumerate(shown) for remark in watch.update(one, 100.0 + turn * period_s)]
+    found = []
+    for turn, one in enumerate(shown):
+        now = 100.0 + turn * period_s
+        readings = {name: replace(reading, source_time=now) for name, reading in one.readings.items()}
+        found += watch.update(replace(one, readings=readings), now)
+    return [remark.key for remark in found]
 
 
 def test_a_change_of_direction_is_remarked_on_once_and_again_after_it_was_gone() -> None:

@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from drivebus.drives.speed_progress import SpeedProgress
+from drivebus.drives.speed_progress import SpeedDifference
 from drivebus.drives.state import DriveState
 from drivebus.errors import DrivebusError, PortLost
 from drivebus.profiles.diagnostics import bilingual_text
-from drivebus.values import Quality, Text
+from drivebus.values import Text
 
 if TYPE_CHECKING:
     from drivebus.drives.state import Direction, DriveStatus
 
-SPEED_REMARK_TOLERANCE = 0.1  # share of the commanded frequency; slip compensation is well below it
-MIN_SPEED_REMARK_HZ = 0.5  # and never less than this
 OUTAGE_REPEAT_S = 10.0  # interval of the remark that the state is not known
 
 
@@ -60,13 +58,13 @@ class RunWatch:
 
     def __init__(self, frequency_hz: float, direction: Direction, started_at: float) -> None:
         self._frequency_hz, self._direction = frequency_hz, direction
-        self._direction_remarked = self._speed_remarked = False
-        self._progress: SpeedProgress | None = None  # of a speed that differs from the commanded one
+        self._direction_remarked = False
+        self._speed = SpeedDifference()
         self._outage = Outage(started_at)
 
     def update(self, status: DriveStatus, now: float) -> list[Remark]:
         """Return what is new to remark on. ``now``: monotonic seconds."""
-        remarks = self._check_known(status, now), self._check_direction(status), self._check_speed(status, now)
+        remarks = self._check_known(status, now), self._check_direction(status), self._check_speed(status)
         return [remark for remark in remarks if remark]
 
     def on_failure(self, error: DrivebusError, now: float) -> Remark | None:
@@ -88,21 +86,11 @@ class RunWatch:
             return None
         return Remark("run.wrong_direction", {"expected": self._direction, "found": status.direction})
 
-    def _check_speed(self, status: DriveStatus, now: float) -> Remark | None:
-        """Compare a speed that the drive reports as good; while it approaches the commanded one all is well."""
-        reading = status.readings.get("output_frequency")
-        usable = reading is not None and reading.quality is Quality.GOOD and isinstance(reading.value, int | float)
-        if not usable or reading is None or not status.state.driven:
-            self._progress = None
+    def _check_speed(self, status: DriveStatus) -> Remark | None:
+        before = self._speed.since
+        self._speed.update(status, self._frequency_hz)
+        if before is not None or self._speed.since is None:
             return None
-        difference_hz = abs(float(reading.value or 0.0) - self._frequency_hz)
-        if difference_hz <= max(MIN_SPEED_REMARK_HZ, SPEED_REMARK_TOLERANCE * self._frequency_hz):
-            self._progress, self._speed_remarked = None, False
-            return None
-        self._progress = self._progress or SpeedProgress(now)
-        self._progress.update(difference_hz, now)
-        if self._speed_remarked or self._progress.is_recent(now):
-            return None
-        self._speed_remarked = True
-        key = "run.other_speed" if reading.value else "run.zero_speed"
-        return Remark(key, {"expected_hz": self._frequency_hz, "found_hz": reading.value})
+        found_hz = self._speed.found_hz
+        key = "run.other_speed" if found_hz else "run.zero_speed"
+        return Remark(key, {"expected_hz": self._frequency_hz, "found_hz": found_hz})

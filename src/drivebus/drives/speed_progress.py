@@ -1,11 +1,16 @@
-"""Progress of a speed toward the commanded one, however slow the ramp is."""
+"""Progress of a speed toward the commanded one, however slow the ramp is, and a lasting difference from it."""
 
 from __future__ import annotations
 
 import math
 
+from drivebus.drives.state import DriveStatus
+from drivebus.values import Quality
+
 SPEED_PROGRESS_HZ = 0.02  # a smaller step toward the commanded frequency is no progress
 SPEED_PROGRESS_TIMEOUT_S = 5.0  # without progress for so long the speed is steady (3,600 s ramp: 0.07 Hz in 5 s)
+SPEED_TOLERANCE = 0.1  # share of the commanded frequency; slip compensation is well below it
+MIN_SPEED_TOLERANCE_HZ = 0.5  # and never less than this
 
 
 class SpeedProgress:
@@ -24,3 +29,43 @@ class SpeedProgress:
     def is_recent(self, now: float) -> bool:
         """Return whether the speed came nearer within the last 5 s."""
         return now - self._progress_at < SPEED_PROGRESS_TIMEOUT_S
+
+
+class SpeedDifference:
+    """Whether a drive that executes a run command keeps another speed than the commanded one."""
+
+    def __init__(self) -> None:
+        self.since: float | None = None
+        """Time of the read that showed it first, in monotonic seconds; None: the speed is right or approaches."""
+        self.found_hz = 0.0
+        """Output frequency that was read last."""
+        self._commanded_hz: float | None = None
+        self._progress: SpeedProgress | None = None
+
+    def update(self, status: DriveStatus, commanded_hz: float | None) -> None:
+        """Compare a speed that the drive reports as good with the commanded one; None: there is none.
+
+        A speed that is not known, or not of a running drive, changes nothing.
+        """
+        if commanded_hz != self._commanded_hz:
+            self._commanded_hz, self._progress, self.since = commanded_hz, None, None
+        reading = status.readings.get("output_frequency")
+        if (
+            commanded_hz is None
+            or reading is None
+            or reading.quality is not Quality.GOOD
+            or not isinstance(reading.value, int | float)
+            or reading.source_time is None
+            or not status.state.driven
+        ):
+            self._progress = None
+            return
+        self.found_hz, at = float(reading.value), reading.source_time
+        difference_hz = abs(self.found_hz - commanded_hz)
+        if difference_hz <= max(MIN_SPEED_TOLERANCE_HZ, SPEED_TOLERANCE * commanded_hz):
+            self._progress = self.since = None
+            return
+        self._progress = self._progress or SpeedProgress(at)
+        self._progress.update(difference_hz, at)
+        if self.since is None and not self._progress.is_recent(at):
+            self.since = at

@@ -388,7 +388,7 @@ def test_shelving_of_an_earlier_run_lasts_a_day_at_most() -> None:
 
 def test_every_sentence_has_all_its_numbers() -> None:
     alarms = engine(HIGH, STALE, replace(HIGH, id="low", kind=AlarmKind.BELOW, threshold=1e9))
-    names = ("subject", "interlock", "reason", "drives", "file", "until", "copy", "motion")
+    names = ("subject", "interlock", "reason", "drives", "file", "until", "copy", "motion", "found_hz", "set_hz")
     for kind in SystemAlarm:
         alarms.raise_alarm(kind, "fan-1", 0, **dict.fromkeys(names, "x"))
     silent = replace(current(12.345678), presence="offline", fault=OVERCURRENT)

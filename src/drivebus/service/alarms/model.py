@@ -22,6 +22,8 @@ class SystemAlarm(StrEnum):
     """The owner of the control lease is gone while the drive runs."""
     RUNNING_AT_START = "running_at_start"
     """The drive was already running when the service started."""
+    OTHER_SPEED = "other_speed"
+    """The drive keeps another speed than the one to which the service set it."""
     INTERLOCK_TRIP = "interlock_trip"
     """An interlock stopped the drive."""
     AUDIT_FAILURE = "audit_failure"
@@ -48,6 +50,7 @@ SYSTEM_ALARM_PRIORITIES: Mapping[SystemAlarm, AlarmPriority] = {
     SystemAlarm.STOP_UNCONFIRMED: AlarmPriority.CRITICAL,
     SystemAlarm.CONTROL_LOST: AlarmPriority.HIGH,
     SystemAlarm.RUNNING_AT_START: AlarmPriority.HIGH,
+    SystemAlarm.OTHER_SPEED: AlarmPriority.HIGH,
     SystemAlarm.INTERLOCK_TRIP: AlarmPriority.CRITICAL,
     SystemAlarm.AUDIT_FAILURE: AlarmPriority.CRITICAL,
     SystemAlarm.STORAGE_FAILURE: AlarmPriority.HIGH,

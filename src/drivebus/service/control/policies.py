@@ -22,6 +22,7 @@ from drivebus.service.runtime.plant import Plant
 from drivebus.values import Text
 
 STANDSTILL_CONFIRM_S = 3.0  # after a start command; a drive that still reports standstill then has not started
+OTHER_SPEED_DELAY_S = 10.0  # a frequency that a slow bus is setting just now is no alarm
 OperationCall = Callable[[str, dict[str, Any], Actor], Awaitable[dict[str, Any]]]
 
 
@@ -90,13 +91,36 @@ class StopPolicies:
         if state.output_off and status.at is not None and status.at > runtime.last_motion_at + STANDSTILL_CONFIRM_S:
             if not runtime.drive.stop_pending:
                 self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
-            # stopped at its keypad, or tripped: a later start is not by the service
-            runtime.end_motion()
+            self._note_own_standstill(runtime, status)
+            runtime.end_motion()  # a later start is not by the service
         has_control = self.plant.leases.get(runtime.id, self.plant.now()) is not None
         is_starting = runtime.last_motion_at == inf  # standstill was read before the start frame
         if has_control or not (state.turning or is_starting):
             for kind in (SystemAlarm.RUNNING_AT_START, SystemAlarm.CONTROL_LOST):
                 self.plant.clear_alarm(kind, runtime.id)
+        self._check_speed(runtime, status)
+
+    def _note_own_standstill(self, runtime: DriveRuntime, status: DriveStatus) -> None:
+        """Publish that a drive that the service has run stands still, without a trip and without a stop request."""
+        is_run = runtime.started_by_service and runtime.commanded_hz is not None and runtime.comm_loss.test is None
+        if is_run and runtime.last_stop is None and status.state is not DriveState.FAULT:
+            self.plant.publish_event("stop", runtime.id, "plant.stopped_by_itself")
+
+    def _check_speed(self, runtime: DriveRuntime, status: DriveStatus) -> None:
+        """Raise the alarm of a drive that keeps another speed than was set, or clear it.
+
+        After a dip of its supply it may run again by itself at the frequency of its keypad.
+        """
+        is_set = runtime.started_by_service and runtime.last_motion_at != inf and not runtime.ramp_holds
+        difference = runtime.speed_difference
+        before = difference.since
+        difference.update(status, runtime.commanded_hz if is_set else None)
+        if difference.since is None:
+            if before is not None:
+                self.plant.clear_alarm(SystemAlarm.OTHER_SPEED, runtime.id)
+        elif self.plant.now() - difference.since >= OTHER_SPEED_DELAY_S:
+            found_hz, set_hz = difference.found_hz, runtime.commanded_hz
+            self.plant.raise_alarm(SystemAlarm.OTHER_SPEED, runtime.id, found_hz=found_hz, set_hz=set_hz)
 
     def enforce_interlocks(self, views: Mapping[str, DriveView], now: float) -> None:
         """Stop every running drive with a tripped interlock of the action ``stop``, and raise its alarm.

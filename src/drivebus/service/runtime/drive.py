@@ -13,6 +13,7 @@ from drivebus.drives import Drive, DriveState, DriveStatus
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.monitor import Monitor
 from drivebus.drives.operations.status import complete_status
+from drivebus.drives.speed_progress import SpeedDifference
 from drivebus.drives.state import STATE_NOT_READ
 from drivebus.drives.store import Store
 from drivebus.service.config.bus_load import polled_names, polls_of, with_periods
@@ -65,6 +66,8 @@ class DriveRuntime:
         self.last_stop: StopObject | None = None
         """Its last stop request, until it is started again."""
         self.commanded_hz: float | None = None
+        self.speed_difference = SpeedDifference()
+        """Between the speed that it reports and ``commanded_hz``."""
         self.started_by_service = False
         """Started by this service and not reported at standstill since."""
         self.adopted = False
