@@ -108,6 +108,18 @@ def test_a_dead_drive_behind_an_echo_is_detected_as_an_echo_too() -> None:
     assert script.core.echo.state is EchoState.ON
 
 
+def test_an_echo_that_comes_back_changed_is_counted_for_its_bus_and_its_station() -> None:
+    def changed(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
+        yield ended_at + CHARACTER_S, bytes([frame[0] ^ 1]) + frame[1:]
+
+    script = BusScript(make_core(1, has_line_timing=False, echo="on"), changed)
+    script.submit(read_request())
+    error = script.result().error
+    assert getattr(error, "key", "") == "bus.collision"
+    statistics = script.core.statistics(script.now)
+    assert statistics.counters["collision"] == statistics.stations[1].counters["collision"] > 0
+
+
 @pytest.mark.parametrize("setting", ["on", "off", "detect"])
 @pytest.mark.parametrize("real", [True, False])
 @pytest.mark.parametrize("paced", [True, False])
