@@ -38,14 +38,15 @@ class SpeedDifference:
         self.since: float | None = None
         """Time of the read that showed it first, in monotonic seconds; None: the speed is right or approaches."""
         self.found_hz = 0.0
-        """Output frequency that was read last."""
+        """Output frequency that was read last, at ``found_at``."""
+        self.found_at = -math.inf
         self._commanded_hz: float | None = None
         self._progress: SpeedProgress | None = None
 
     def update(self, status: DriveStatus, commanded_hz: float | None) -> None:
         """Compare a speed that the drive reports as good with the commanded one; None: there is none.
 
-        A speed that is not known, or not of a running drive, changes nothing.
+        Where the speed is not known, or the drive executes no run command, the last result stays.
         """
         if commanded_hz != self._commanded_hz:
             self._commanded_hz, self._progress, self.since = commanded_hz, None, None
@@ -60,12 +61,12 @@ class SpeedDifference:
         ):
             self._progress = None
             return
-        self.found_hz, at = float(reading.value), reading.source_time
+        self.found_hz, self.found_at = float(reading.value), reading.source_time
         difference_hz = abs(self.found_hz - commanded_hz)
         if difference_hz <= max(MIN_SPEED_TOLERANCE_HZ, SPEED_TOLERANCE * commanded_hz):
             self._progress = self.since = None
             return
-        self._progress = self._progress or SpeedProgress(at)
-        self._progress.update(difference_hz, at)
-        if self.since is None and not self._progress.is_recent(at):
-            self.since = at
+        self._progress = self._progress or SpeedProgress(self.found_at)
+        self._progress.update(difference_hz, self.found_at)
+        if self.since is None and not self._progress.is_recent(self.found_at):
+            self.since = self.found_at

@@ -11,20 +11,22 @@ from drivebus.drives.state import DriveState
 from drivebus.service.alarms import Alarm
 from drivebus.service.api.errors import localized
 from drivebus.testing.virtual_time import run
+from fixtures.receiver import wait_until
 from fixtures.service import ServiceKit, plant_config, running_service
 
 DRIVE = "fan-1"
 SET_HZ, KEYPAD_HZ = 20.0, 50.0
+FIRST_READS_S, RAMP_S = 5.0, 25.0
 
 
-async def running_drive(kit: ServiceKit) -> Any:
+async def running_drive(kit: ServiceKit, drive: str = DRIVE) -> Any:
     """Run the drive at ``SET_HZ``, and return its simulated station."""
-    await asyncio.sleep(5.0)
+    await asyncio.sleep(FIRST_READS_S)
     await kit.grant_waivers()
-    await kit.call("drive.run", drive=DRIVE, frequency_hz=SET_HZ)
-    await asyncio.sleep(25.0)
+    await kit.call("drive.run", drive=drive, frequency_hz=SET_HZ)
+    await asyncio.sleep(RAMP_S)
     kit.history.events.clear()
-    return kit.station(DRIVE)
+    return kit.station(drive)
 
 
 def speed_alarms(kit: ServiceKit) -> list[Alarm]:
@@ -55,6 +57,24 @@ def test_a_drive_that_runs_again_by_itself_at_the_frequency_of_its_keypad_raises
             await kit.call("drive.set_frequency", drive=DRIVE, frequency_hz=30.0)
             await asyncio.sleep(60.0)
             assert [alarm.cleared_ms is None for alarm in speed_alarms(kit)] == [False]
+
+    run(go())
+
+
+def test_a_drive_that_is_paused_soon_after_it_kept_another_speed_raises_no_alarm() -> None:
+    """No read has shown the other speed for long enough, and the drive does not run at it any longer."""
+
+    async def go() -> None:
+        async with running_service(plant_config()) as kit:
+            station = await running_drive(kit, "pump-1")
+            station.power_cycle(0.3)
+            station.keypad_run(KEYPAD_HZ)
+            difference = kit.service.plant.drives["pump-1"].speed_difference
+            await wait_until(lambda: difference.since is not None)
+            await kit.call("drive.pause", drive="pump-1")
+            await asyncio.sleep(60.0)
+            assert kit.service.plant.drives["pump-1"].status().state is DriveState.PAUSED
+            assert difference.since is not None and speed_alarms(kit) == []
 
     run(go())
 

@@ -77,7 +77,7 @@ class StopPolicies:
         self.plant.raise_alarm(SystemAlarm.CONTROL_LOST, runtime.id, motion=bilingual_text(key), **params)
 
     def on_status(self, runtime: DriveRuntime, status: DriveStatus) -> None:
-        """Apply ``on_restart`` to a drive that is found running, and note a standstill."""
+        """Apply ``on_restart`` to a drive that is found running, note a standstill, and check the speed."""
         state = status.state
         if state is DriveState.UNKNOWN:
             return
@@ -118,7 +118,7 @@ class StopPolicies:
         if difference.since is None:
             if before is not None:
                 self.plant.clear_alarm(SystemAlarm.OTHER_SPEED, runtime.id)
-        elif self.plant.now() - difference.since >= OTHER_SPEED_DELAY_S:
+        elif difference.found_at - difference.since >= OTHER_SPEED_DELAY_S:
             found_hz, set_hz = difference.found_hz, runtime.commanded_hz
             self.plant.raise_alarm(SystemAlarm.OTHER_SPEED, runtime.id, found_hz=found_hz, set_hz=set_hz)
 
