@@ -87,6 +87,8 @@ def test_a_drive_that_stays_stopped_after_a_dip_is_an_event_once(dip_s: float) -
             station.power_cycle(dip_s)
             await asyncio.sleep(dip_s + 40.0)
             assert len(standstill_events(kit)) == 1 and speed_alarms(kit) == []
+            view = await kit.call("drives.get", drive=DRIVE)
+            assert (view["state"], view["commanded_hz"]) == ("stopped", None)
 
     run(go())
 

@@ -390,7 +390,8 @@ def test_an_unconfirmed_stop_raises_an_alarm_until_a_stop_is_confirmed() -> None
                 await kit.call("drive.stop", drive="fan-1")
             assert "stop_unconfirmed" in kinds(kit)
             bench.replug()
-            await asyncio.sleep(5)
+            await asyncio.sleep(15)
+            assert await commanded_hz(kit, "fan-1") == [None], "the repeated stop was confirmed"
             await kit.call("drive.stop", drive="fan-1")
             assert "stop_unconfirmed" not in kinds(kit)
 

@@ -127,7 +127,9 @@ class DriveRuntime:
         return not_read and self.monitor is not None and self.monitor.last_error is None
 
     def end_motion(self) -> None:
-        """Record that it stands still: a later motion is not of this service."""
+        """Record that it stands still: a later motion is not of this service, nor at its frequency."""
+        if self.started_by_service or self.adopted:
+            self.commanded_hz = None
         self.started_by_service = self.adopted = False
 
     def reconfigure(self, setting: DriveConfig, *, polls: bool) -> None:
