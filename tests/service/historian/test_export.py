@@ -13,7 +13,7 @@ from drivebus.errors import InvalidParameters
 from drivebus.service.api.operations.history import ExportParams
 from drivebus.service.historian import Historian, export
 from drivebus.values import Text
-from fixtures.historian import NOON_MS, HistoryDatabase, compact_all, samples
+from fixtures.historian import NOON_MS, HistoryDatabase, compact_all, samples, trend
 from peers import need_module
 
 TAGS = ["fan-1.output_frequency", "fan-2.temperature"]
@@ -200,3 +200,29 @@ async def test_an_export_in_local_time_names_its_zone_in_the_heading(database: H
         for wrong in ({"timezone": "Asia/Nowhere"}, {"format": "parquet", "layout": "wide"}):
             with pytest.raises(InvalidParameters):
                 await parts(historian, **wrong)
+
+
+async def test_the_time_in_which_the_service_did_not_run_is_a_gap_after_each_last_value(
+    database: HistoryDatabase,
+) -> None:
+    """Also after a kill, at which nothing can be stored; a signal that was bad already needs no second gap."""
+    async with database.historian(marks_pause=True) as historian:
+        historian.append([*samples([20.0, 21.0], TAGS[0]), *samples([50.0, None], TAGS[1])])
+    for _ in range(2):
+        async with database.historian(marks_pause=True):
+            pass
+    async with database.historian(marks_pause=True) as historian:
+        historian.append(samples([0.0, 1.0], TAGS[0], NOON_MS + 600_000))
+        await historian.flush()
+        found = await rows(historian)
+        shown = await trend(historian, NOON_MS, NOON_MS + 601_000)
+    values = [(row["time"][14:], row["value"], row["quality"]) for row in found if row["tag"] == TAGS[0]]
+    assert values == [
+        ("00:00.000Z", "20.0", "good"),
+        ("00:01.000Z", "21.0", "good"),
+        ("00:01.001Z", "", "bad"),
+        ("10:00.000Z", "0.0", "good"),
+        ("10:01.000Z", "1.0", "good"),
+    ]
+    assert [row["quality"] for row in found if row["tag"] == TAGS[1]] == ["good", "bad"]
+    assert None in shown["mean"]

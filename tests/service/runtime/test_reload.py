@@ -123,6 +123,23 @@ def test_changed_limits_and_periods_apply_to_the_running_drive(tmp_path: Path) -
     run(scenario())
 
 
+def test_the_values_of_a_drive_and_of_a_signal_that_a_reload_removes_end_with_a_gap(tmp_path: Path) -> None:
+    """In a chart and a file the last values would seem to hold until the next ones, if ever these are read again."""
+    file = write(tmp_path / "plant.toml", FAN_1, FAN_2)
+
+    async def scenario() -> None:
+        async with running_service(load(file)) as kit:
+            await asyncio.sleep(10)
+            write(file, FAN_1, "[drive.fan-1.signals]\noutput_frequency = 1.0\n")
+            before = len(kit.history.samples)
+            await kit.call("configuration.reload")
+            await asyncio.sleep(10)
+            ended = {sample.tag for sample in kit.history.samples[before:] if sample.value is None}
+            assert {"fan-1.output_voltage", "fan-2.output_voltage", "fan-2.output_frequency"} <= ended
+
+    run(scenario())
+
+
 def test_a_running_drive_is_not_removed_from_its_bus(tmp_path: Path) -> None:
     file = write(tmp_path / "plant.toml", FAN_1, FAN_2, PUMP)
 

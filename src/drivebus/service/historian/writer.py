@@ -24,7 +24,7 @@ from drivebus.service.historian import compaction
 from drivebus.service.historian.blocks import SampleColumns, decode_batch, encode_batch
 from drivebus.service.historian.columns import DamagedBlock
 from drivebus.service.historian.compaction import OpenBlocks, compact_samples
-from drivebus.service.historian.points import CODE_BY_QUALITY
+from drivebus.service.historian.points import CODE_BY_QUALITY, QUALITY_BY_CODE
 from drivebus.service.historian.store import (
     Batch,
     Compaction,
@@ -241,8 +241,11 @@ class HistoryWriter:
         queue: WriteQueue,
         *,
         wall_ms: Callable[[], int],
+        marks_pause: bool = False,
     ) -> None:
+        """``marks_pause``: mark the time before the start, in which nothing was read, as a gap of every tag."""
         self._store, self._setting, self._queue = store, setting, queue
+        self._marks_pause = marks_pause
         self._wall_ms, self._monotonic_s = wall_ms, time.monotonic
         self.open_blocks = OpenBlocks()
         self.problem: Text | None = None
@@ -335,6 +338,8 @@ class HistoryWriter:
                 compaction.age_clock_at_start(contents.clock, self._wall_ms()),
                 self._monotonic_s(),
             )
+            if self._marks_pause:
+                self._queue.append(self._pause_markers())
         self._is_open = self._was_open = True
 
     def _replay(self, contents: StoreContents) -> None:
@@ -346,6 +351,18 @@ class HistoryWriter:
         for batch, data in self._store.journal():
             self.open_blocks.add(batch, decode_batch(data))
             self._builder.last_batch = batch
+
+    def _pause_markers(self) -> list[Sample]:
+        """Return a gap directly after the last value of each tag: until when that was true is not known.
+
+        A tag whose samples are all compacted has none: the service was killed in the moment after that.
+        """
+        names = {tag.id: tag.name for tag in self.tags.values()}
+        return [
+            Sample(names[tag], time_ms + 1, None, Quality.BAD)
+            for tag, (time_ms, code) in self.open_blocks.last_samples().items()
+            if QUALITY_BY_CODE[code] is not Quality.BAD
+        ]
 
     def _write_batch(self) -> None:
         if self._pending is None:

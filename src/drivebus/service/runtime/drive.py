@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import Any
 
@@ -202,6 +202,13 @@ class DriveRuntime:
         """Return a sample of each reading that had none yet, and one without value where a reading became bad."""
         found = (self._sample(name, reading, time_ms) for name, reading in readings.items())
         return [sample for sample in found if sample is not None]
+
+    def end_samples(self, time_ms: int, *, but: Collection[str] = ()) -> list[Sample]:
+        """Return a sample without value for each signal that is no longer read, other than ``but``."""
+        ended = [name for name, mark in self._last_sampled.items() if mark is not None and name not in but]
+        for name in ended:
+            del self._last_sampled[name]
+        return [Sample(f"{self.id}.{name}", time_ms, None, Quality.BAD) for name in ended]
 
     def _sample(self, name: str, reading: Reading, time_ms: int) -> Sample | None:
         if name not in self.signals or isinstance(reading.value, str):

@@ -180,8 +180,9 @@ class ConfigReload:
 
     def _remove_drives(self, change: ConfigDiff) -> list[BusRuntime]:
         for id in _leaving_drives(change):
-            bus = self.plant.bus_of(self.plant.drives.pop(id))
-            bus.remove_drive(id)
+            runtime = self.plant.drives.pop(id)
+            self.plant.bus_of(runtime).remove_drive(id)
+            self.plant.record_samples(runtime.end_samples(self.plant.wall_ms()))
             self.plant.views.pop(id, None)
             self.plant.notify_drive_removed(id)
         return [self.plant.buses.pop(id) for id in (*change.buses.removed, *change.reopened)]
@@ -201,6 +202,7 @@ class ConfigReload:
             runtime = self.plant.drives[id]
             if change.actions[id] in (ReloadAction.UPDATE, ReloadAction.REPOLL):
                 runtime.reconfigure(drive, polls=change.actions[id] is ReloadAction.REPOLL)
+                self.plant.record_samples(runtime.end_samples(self.plant.wall_ms(), but=runtime.signals))
                 self.plant.restore(runtime)
 
     def _clear_alarms(self, change: ConfigDiff) -> None:
