@@ -7,12 +7,14 @@ from typing import Any
 
 import pytest
 
+from drivebus.bus import TraceKind
 from drivebus.bus.core import BusCore
 from drivebus.bus.messages import StationConfig
 from drivebus.errors import ConfigurationError, HeaderError
 from drivebus.protocols import dzb100 as dzb
 from drivebus.protocols import sunfar
 from drivebus.protocols.codec import Complete, Effect
+from drivebus.testing.bus_script import BusScript
 from fixtures.bus import SETTINGS, TIMING, effect, station_config
 
 
@@ -88,3 +90,24 @@ def test_two_models_of_one_family_share_a_bus() -> None:
     bus.add_station(station_config(1))
     bus.add_station(replace(station_config(2), effect_of=effect))
     assert len(bus.stations) == 2
+
+
+@pytest.mark.parametrize("family", ["c320", "dzb100"])
+def test_a_request_of_one_family_to_the_address_of_a_suspect_station_of_another_is_one_of_another_master(
+    family: str,
+) -> None:
+    """It was decoded as a late reply of that station, whose codec cannot: an error ended the handling of the bytes."""
+    core = BusCore(SETTINGS, allow_mixed=True)
+    configs = [station_config(1), station_config(2), c320(), dzb100()]
+    for config in configs:
+        core.add_station(config)
+    core.scheduler.mark_suspect(core.stations[1], 0.0)
+    script = BusScript(core)
+    core.tracing = True
+    other = {"c320": c320(1), "dzb100": dzb100(1)}[family]
+    frame = other.codec.encode_request(other.sync_request(0))
+    script.receive(frame, at=0.1)
+    script.run_until(0.2)
+    assert [(event.kind, event.station, event.data) for event in script.traced] == [
+        (TraceKind.FOREIGN_REQUEST, None, frame)
+    ]

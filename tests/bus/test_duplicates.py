@@ -166,3 +166,19 @@ def test_a_station_that_replies_once_is_addressed_again_after_the_gap() -> None:
     script.run()
     times = [at for at, _ in script.sent[1:]]
     assert [later - earlier for earlier, later in pairwise(times)] == pytest.approx([24.5 * CHARACTER_S + 0.001] * 19)
+
+
+def test_the_reply_to_another_master_is_no_second_reply_of_a_station_that_has_sent_one() -> None:
+    script = make_script(FakeStation())
+    script.submit(read_request(), 1)
+    script.run_until(1)
+    script.receive(reply(1))
+    script.run_until(3)
+    script.submit(read_request(), 2)
+    assert script.result(2).error is None
+    foreign = modbus.ReadRegisters(1, 0x0100, 2)
+    script.receive(CODEC.encode_request(foreign), at=script.now + 0.1)
+    script.receive(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2))), at=script.now + 0.12)
+    script.run_until(script.now + 0.2)
+    assert script.core.counters.events == {"duplicate": 1, "foreign_request": 1, "foreign": 1}
+    assert len(script.core.stations[1].duplicate_reply_times) == 1

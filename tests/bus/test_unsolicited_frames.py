@@ -6,15 +6,23 @@ from dataclasses import replace
 
 import pytest
 
+from drivebus import profiles
 from drivebus.bus import TraceKind
+from drivebus.bus.core import BusCore
 from drivebus.bus.echo import EchoState
 from drivebus.bus.unsolicited import MAX_UNSOLICITED_BYTES
+from drivebus.drives.dialects.base import StopMode
+from drivebus.drives.dialects.create import create_dialect
 from drivebus.errors import LineError, NoReply
+from drivebus.families.huanyang.codec import CONTROL, HuanyangReply
 from drivebus.protocols import modbus
+from drivebus.protocols.codec import Complete
+from drivebus.protocols.modbus.rtu import build_frame
 from drivebus.testing.bus_script import BusScript
 from fixtures.bus import (
     CHARACTER_S,
     CODEC,
+    SETTINGS,
     TIMING,
     FakeStation,
     make_core,
@@ -22,6 +30,7 @@ from fixtures.bus import (
     read,
     read_request,
     station_config,
+    stop_request,
     wire_to,
     write_request,
 )
@@ -243,11 +252,11 @@ def test_at_most_512_unsolicited_bytes_are_kept_and_a_piece_is_joined_for_50_ms(
     unsolicited.add(bytes(1000), 1.0)
     assert len(unsolicited.buffer) == MAX_UNSOLICITED_BYTES == 512
     unsolicited.reset()
-    for pause_s, kind in ((0.0499, TraceKind.FOREIGN_REQUEST), (0.0501, TraceKind.UNSOLICITED)):
-        unsolicited.add(READ_OF_STRANGER[:3], 2.0)
-        unsolicited.classify_buffer(2.0)
-        unsolicited.add(READ_OF_STRANGER[3:], 2.0 + pause_s)
-        assert [event.kind for event in unsolicited.classify_buffer(2.1)] == [kind]
+    for pause_s, kind in ((0.05, TraceKind.FOREIGN_REQUEST), (0.0501, TraceKind.UNSOLICITED)):
+        unsolicited.add(READ_OF_STRANGER[:3], 0.0)
+        unsolicited.classify_buffer(0.0)
+        unsolicited.add(READ_OF_STRANGER[3:], pause_s)
+        assert [event.kind for event in unsolicited.classify_buffer(0.1)] == [kind]
 
 
 def test_a_station_that_answers_slowly_is_given_half_a_second_for_the_reply_to_another_master() -> None:
@@ -286,3 +295,69 @@ def test_the_reply_to_a_read_is_the_last_frame_of_its_station() -> None:
     script = online(1)
     assert bytes(script.core.stations[1].last_frame) == script.results[1][-1].received
     assert script.core.stations[1].last_request == read()
+
+
+def test_a_late_acknowledgement_of_an_unknown_write_leaves_the_named_failure_of_its_station() -> None:
+    """Nothing is known of its lateness, and the requests that wait still learn which bytes came before."""
+    script = online(1)
+    make_suspect(script, 1)
+    receive(script, b"\x55\x66")
+    named = script.core.stations[1].failure_reason
+    receive(script, CODEC.encode_request(modbus.WriteRegister(1, 0x2001, 5)))
+    assert [event.kind for event in script.traced] == [TraceKind.UNSOLICITED, TraceKind.LATE]
+    assert named is not None and script.core.stations[1].failure_reason is named
+
+
+def test_a_reply_that_comes_later_than_any_reply_still_names_its_lateness() -> None:
+    """The last request to an offline station was a sync probe; the station was switched off while it replied."""
+    script = online(1)
+    make_suspect(script, 1)
+    script.wire = lambda frame, ended_at: []
+    script.run_until(script.now + 20.0)
+    count = len(script.sent)
+    while len(script.sent) == count:
+        script._step(script._next_at())
+    station = script.core.stations[1]
+    sent_at = station.last_request_sent_at
+    late = CODEC.encode_reply(modbus.DiagnosticsReply(1, station.last_request.data))
+    script.receive(late, at=sent_at + 6.0)
+    script.run_until(sent_at + 6.1)
+    reason = station.failure_reason
+    assert isinstance(reason, NoReply) and reason.key == "bus.late_reply"
+    assert reason.params["milliseconds"] == 6000
+
+
+def test_a_request_of_another_master_is_not_joined_with_the_bytes_before_it() -> None:
+    """Both together would be a write of four registers with a right checksum."""
+    script = online(1)
+    head = bytes.fromhex("11 10 01 00 00 04 08 71 42")
+    assert isinstance(CODEC.decode_request(head + READ_OF_STRANGER), Complete)
+    receive(script, head)
+    script.traced.clear()
+    script.receive(READ_OF_STRANGER, at=script.now + 0.01)
+    script.run_until(script.now + 0.02)
+    assert [(event.kind, event.data) for event in script.traced] == [(TraceKind.FOREIGN_REQUEST, READ_OF_STRANGER)]
+
+
+def test_bytes_behind_a_request_of_another_master_do_not_make_it_a_late_reply() -> None:
+    """The request and the bytes after it would together be a reply to it with a right checksum."""
+    script = online(1)
+    make_suspect(script, 1)
+    script.core.stations[1].last_request = modbus.Diagnostics(1, 0xA500)
+    request = CODEC.encode_request(modbus.ReadRegisters(1, 0x0801, 4))
+    behind = build_frame(request + bytes(3))[len(request) :]
+    receive(script, request + behind)
+    assert [event.kind for event in script.traced] == [TraceKind.FOREIGN_REQUEST, TraceKind.UNSOLICITED]
+
+
+def test_the_reply_of_a_huanyang_drive_to_a_stop_that_is_not_trusted_is_no_request_of_another_master() -> None:
+    """It has the form of a request: the drive repeats function and length, with the bits of its state."""
+    dialect = create_dialect(profiles.load("huanyang_hy"), 1)
+    core = BusCore(SETTINGS, echo="off")
+    core.add_station(dialect.station_config)
+    core.scheduler.mark_suspect(core.stations[1], 0.0)
+    reply = dialect.codec.encode_reply(HuanyangReply(1, CONTROL, 0, 0, 1))
+    script = BusScript(core, lambda frame, ended_at: [(ended_at + 0.02, reply)])
+    script.submit(replace(stop_request(), request=dialect.stop(StopMode.STOP)[0]), "stop")
+    assert getattr(script.result("stop").error, "key", "") == "bus.suspect"
+    assert core.counters.events == {}

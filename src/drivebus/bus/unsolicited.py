@@ -80,7 +80,7 @@ class UnsolicitedBytes:
         self._foreign_request_times: list[float] = []
         self._fragment = b""
         """Last bytes that were no frame; what follows soon may complete them."""
-        self._fragment_at = 0.0
+        self._fragment_at = float("-inf")
 
     def add(self, data: bytes, now: float) -> None:
         """Add bytes received while no transaction is open; those beyond the limit are dropped."""
@@ -109,16 +109,9 @@ class UnsolicitedBytes:
         if foreign is not None and received_at > foreign.reply_until:
             self.end_foreign_request(now)
         events = []
-        after_foreign_request = False
         while data:
-            frame = classify(
-                data,
-                self._stations.values(),
-                after_foreign_request=after_foreign_request,
-                foreign_request=self.foreign_request,
-            )
-            after_foreign_request = frame.kind is TraceKind.FOREIGN_REQUEST
-            if after_foreign_request:
+            frame = classify(data, self._stations.values(), self.foreign_request)
+            if frame.kind is TraceKind.FOREIGN_REQUEST:
                 self._begin_foreign_request(data, received_at, now)
             elif frame.kind is TraceKind.FOREIGN:
                 self.foreign_request = None
@@ -131,22 +124,17 @@ class UnsolicitedBytes:
     def _join_split_request(self, data: bytes, received_at: float) -> bytes:
         """Return the bytes, with those before them where only both together are a request of another master."""
         joined = self._join_fragment(data, received_at)
-        stations = self._stations.values()
-        if not joined or classify(data, stations, after_foreign_request=False).kind is not TraceKind.UNSOLICITED:
-            return data
-        is_request = classify(joined, stations, after_foreign_request=False).kind is TraceKind.FOREIGN_REQUEST
-        return joined if is_request else data
+        kinds = [classify(part, self._stations.values()).kind for part in (data, joined)]
+        return joined if kinds == [TraceKind.UNSOLICITED, TraceKind.FOREIGN_REQUEST] else data
 
     def _join_fragment(self, data: bytes, now: float) -> bytes:
         """Return the bytes with the fragment before them, empty where none came shortly before."""
-        recent = self._fragment and now - self._fragment_at <= MAX_FRAGMENT_PAUSE_S
-        return self._fragment + data if recent else b""
+        return self._fragment + data if now - self._fragment_at <= MAX_FRAGMENT_PAUSE_S else b""
 
     def end_foreign_request(self, now: float) -> None:
         """Mark the station suspect that may still reply to another master."""
         foreign, self.foreign_request = self.foreign_request, None
-        station = None if foreign is None else self._stations.get(foreign.address)
-        if foreign is not None and station is not None:
+        if foreign is not None and (station := self._stations.get(foreign.address)) is not None:
             station.remember_unanswered(foreign.request, foreign.received_at, now)
             self._scheduler.mark_suspect(station, now)
 
@@ -167,11 +155,11 @@ class UnsolicitedBytes:
 
     def record_foreign_frames(self, transaction: Transaction, now: float) -> list[TraceEvent]:
         """Count the frames of other stations that were received before the reply."""
-        received_at = transaction.last_byte_at or now
-        return [
-            self._record_foreign_frame(data, error, received_at, now)
-            for data, error in transaction.foreign_frames or ()
-        ]
+        events = []
+        for data, error in transaction.foreign_frames or ():
+            assert transaction.last_byte_at is not None
+            events.append(self._record_foreign_frame(data, error, transaction.last_byte_at, now))
+        return events
 
     def _record_foreign_frame(self, data: bytes, error: AddressError, received_at: float, now: float) -> TraceEvent:
         """Count a complete frame of another station: late where a reply is due, else the reply to a foreign master."""
@@ -198,7 +186,9 @@ class UnsolicitedBytes:
 
         Our own frame is excluded.
         """
-        data, prepared = bytes(transaction.buffer), transaction.prepared
+        data, prepared, received_at = bytes(transaction.buffer), transaction.prepared, transaction.last_byte_at
+        if received_at is None:
+            return []
         if isinstance(error, TrailingError) and isinstance(error.expected, int):
             data = data[error.expected :]
         request = decode_request_prefix(prepared.codec, data)
@@ -215,10 +205,9 @@ class UnsolicitedBytes:
         elif frame == prepared.station.last_frame:
             kind, station = TraceKind.DUPLICATE, prepared.station
         else:
-            self._begin_foreign_request(data, transaction.last_byte_at or now, now)
-        is_alone = len(data) == request.size
-        # Bytes after it may have come after a pause. Then only its earliest time is known, which overstates no delay.
-        received_at = transaction.last_byte_at or now if is_alone else transaction.tx_end_at
+            self._begin_foreign_request(data, received_at, now)
+        if len(data) > request.size:  # bytes after it may have come after a pause: this time overstates no delay
+            received_at = transaction.tx_end_at
         return [self._record(UnsolicitedFrame(kind, station, request.message, request.size), data, received_at, now)]
 
     # --- each frame ----------------------------------------------------------------------------------------------
@@ -262,13 +251,9 @@ class UnsolicitedBytes:
 
 
 def classify(
-    data: bytes,
-    stations: Iterable[Station],
-    *,
-    after_foreign_request: bool,
-    foreign_request: ForeignRequest | None = None,
+    data: bytes, stations: Iterable[Station], foreign_request: ForeignRequest | None = None
 ) -> UnsolicitedFrame:
-    """Classify the beginning of ``data``. ``after_foreign_request``: a reply is the reply to that request.
+    """Classify the beginning of ``data``.
 
     The mirrored reply of FC06 or FC08 is a valid request too, so the foreign request whose reply is due and our own
     last requests are compared first.
@@ -284,17 +269,13 @@ def classify(
         reply = None if station.last_request is None else station.decode_reply_to(station.last_request, data)
         if reply is not None:
             kind = TraceKind.LATE if station.state.is_suspect else TraceKind.DUPLICATE
-            kind = TraceKind.FOREIGN if after_foreign_request else kind
             return UnsolicitedFrame(kind, station, reply.message, reply.size)
-    tried: list[object] = []
-    for station in known:
-        if any(codec is station.codec for codec in tried):
-            continue
-        tried.append(station.codec)
-        request = decode_request_prefix(station.codec, data)
+    for codec in dict.fromkeys(station.codec for station in known):
+        request = decode_request_prefix(codec, data)
         if request is not None:
             frame = data[: request.size]
-            late = next((other for other in known if is_late_reply(other, request.message, frame)), None)
+            candidates = (station for station in known if station.codec.family == codec.family)
+            late = next((station for station in candidates if is_late_reply(station, request.message, frame)), None)
             kind = TraceKind.FOREIGN_REQUEST if late is None else TraceKind.LATE
             return UnsolicitedFrame(kind, late, request.message, request.size)
     return UnsolicitedFrame(TraceKind.UNSOLICITED, None, None, len(data))
@@ -305,14 +286,12 @@ def is_late_reply(station: Station, request: Any, frame: bytes) -> bool:
 
     Such a reply must not block its own drive as the request of a foreign master would.
     """
-    codec = station.codec
     request = _without_operation(request)
-    if not station.state.is_suspect or codec.address_of(request) != station.address:
-        return False
-    try:
-        return isinstance(codec.decode_reply(request, frame), Complete)
-    except ProtocolError:
-        return False
+    return (
+        station.state.is_suspect
+        and station.codec.address_of(request) == station.address
+        and isinstance(station.decode_reply_to(request, frame), Complete)
+    )
 
 
 def decode_request_prefix(codec: Codec, data: bytes) -> DecodedFrame | None:
