@@ -15,17 +15,19 @@ from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPoli
 from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.bus.transaction import EchoFilter, Transaction
 from drivebus.errors import LineError, NoReply, PortLost
-from drivebus.protocols import sunfar
+from drivebus.protocols import modbus, sunfar
 from drivebus.protocols.codec import Effect
 from drivebus.serial_settings import SerialSettings
 from drivebus.testing.bus_script import BusScript, Wire
 from fixtures.bus import (
     CHARACTER_S,
+    CODEC,
     TIMING,
     FakeStation,
     byte_by_byte,
     make_core,
     read_request,
+    stop_request,
     whole,
     wire_to,
     write_request,
@@ -300,3 +302,29 @@ def test_a_reply_that_may_have_passed_for_the_echo_is_not_called_silence(request
     error = transaction.final_error()
     assert isinstance(error, NoReply) and error.key == key
     assert str(error) != key
+
+
+def test_a_repeat_of_a_mirrored_frame_is_no_echo_once_a_reply_without_an_echo_was_received() -> None:
+    """Another master writes the same value later; the next stop's acknowledgement was then taken for the echo."""
+    script = BusScript(make_core(1, has_line_timing=False, echo="detect"), wire_to(FakeStation()))
+    write = write_request(script.core)
+    script.submit(write, "write")
+    assert getattr(script.result("write").error, "key", "") == "bus.own_echo"
+    script.run_until(script.now + 1.0)
+    script.submit(read_request(), "read")
+    assert script.result("read").error is None and script.core.echo.ruled_out
+    for after_s in (1.0, 1.02):  # its request and the reply to it
+        script.receive(CODEC.encode_request(write.request), at=script.now + after_s)
+    script.run_until(script.now + 1.1)
+    assert script.core.echo.state is EchoState.OFF
+    script.submit(stop_request(), "stop")
+    assert script.result("stop").error is None
+
+
+def test_a_rejected_write_without_an_echo_before_it_shows_that_there_is_none() -> None:
+    rejection = CODEC.encode_reply(modbus.ExceptionReply(1, 6, 2))
+    core = make_core(1, has_line_timing=False, echo="detect")
+    script = BusScript(core, lambda frame, ended_at: [(ended_at + 0.02, rejection)])
+    script.submit(write_request(core))
+    assert script.result().error is None
+    assert core.echo.state is EchoState.OFF and core.echo.ruled_out

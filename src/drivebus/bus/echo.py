@@ -41,7 +41,7 @@ class EchoDetector:
         self.autodetect = setting == "detect"
         self.state = EchoState.UNKNOWN if self.autodetect else EchoState(setting)
         self.ruled_out = False
-        """Whether a reply unlike its request was received without an echo before it: this port has no echo."""
+        """Whether a reply unlike its request was received without an echo before it: ``state`` is OFF then."""
         self.echo_count = 0
         self._is_assumed = False
         """Whether ``state`` is ON only because a reply that equals its request was received twice: the first of the two
@@ -90,7 +90,8 @@ class EchoDetector:
         if echo is not None and echo.is_complete and echo.sent:
             return True
         if transaction.buffer != transaction.prepared.data:
-            self.ruled_out = self.ruled_out or not transaction.bytes_before_tx_end
+            if not transaction.bytes_before_tx_end:
+                self.state, self.ruled_out, self._mirrored_frame = EchoState.OFF, True, b""
             return True
         self._mirrored_frame = transaction.prepared.data if self.autodetect and not self.ruled_out else b""
         return self.ruled_out
