@@ -46,7 +46,7 @@ def bare_core(transactions: int) -> float:
                 done += 1
         if reply:
             now += 0.002 + line.seconds(8 + len(reply))
-            pending = core.on_data(reply, now)
+            pending = core.on_data(reply, now, 0)
         else:
             assert core.wake_at is not None
             now = core.wake_at

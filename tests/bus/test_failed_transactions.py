@@ -198,3 +198,27 @@ def test_a_broadcast_says_nothing_about_an_echo() -> None:
     script.submit(stop_request(0), "all")
     script.run()
     assert script.results["all"][-1].error is None and not core.echo.ruled_out
+
+
+def test_a_single_byte_in_place_of_a_reply_is_named_to_the_requests_that_wait_for_the_sync_probe() -> None:
+    """Something is connected there, so they do not fail as offline."""
+    script = make_traced_script(FakeStation())
+    for token, received in (("cut", DAMAGED_REPLY[:1]), ("waiting", b"")):
+        script.wire = lambda frame, ended_at, received=received: [(ended_at + 0.02, received)] if received else []
+        script.submit(read_request(), token)
+        script.run_until(script.now + 0.1)
+    error = script.result("waiting").error
+    assert isinstance(error, NoReply) and error.key == "bus.truncated" and error.params["bytes"] == 1
+
+
+def test_what_an_offline_station_sends_in_place_of_a_reply_is_shown_until_nothing_comes_any_more() -> None:
+    script = make_traced_script(FakeStation())
+    script.wire = lambda frame, ended_at: [(ended_at + 0.02, DAMAGED_REPLY[:5])]
+    script.submit(read_request(), "cut")
+    assert script.core.unusable_reply(1) is None, "it is online"
+    script.run_until(script.now + 5.0)
+    error = script.core.unusable_reply(1)
+    assert script.core.presence(1) is Presence.OFFLINE and error is not None
+    script.wire = lambda frame, ended_at: []
+    script.run_until(script.now + 60.0)
+    assert script.core.presence(1) is Presence.OFFLINE and script.core.unusable_reply(1) is None

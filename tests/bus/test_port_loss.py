@@ -105,3 +105,10 @@ def test_what_a_stop_has_waited_for_silence_before_the_loss_does_not_count_after
     script.submit(stop_request(), "after")
     script.run_until(lost_at + 0.5)
     assert count == 0 and script.sent[0][0] - lost_at == pytest.approx(67.5 * CHARACTER_S, abs=CHARACTER_S)
+
+
+def test_the_first_frame_is_sent_a_gap_after_the_port_was_opened() -> None:
+    script = make_script(FakeStation())
+    script.submit(read_request())
+    script.run()
+    assert script.sent[0][0] == pytest.approx(3.5 * CHARACTER_S)

@@ -133,3 +133,14 @@ def test_a_request_that_follows_noise_is_sent_in_the_same_moment_in_which_the_no
     assert script.core.wake_at == pytest.approx(1.0 + GAP_S) and not script.sent
     script._step(script.core.wake_at)
     assert len(script.sent) == 1
+
+
+def test_bytes_while_no_frame_waits_are_one_frame_up_to_the_longest_gap_of_all_stations() -> None:
+    core = make_core(1)
+    core.add_station(station_config(2, replace(TIMING, gap_characters=20)))
+    script = BusScript(core)
+    core.tracing = True
+    for number in range(4):
+        script.receive(b"\x55", at=1.0 + number * 15 * CHARACTER_S)
+    script.run_until(2.0)
+    assert [event.data for event in script.traced] == [b"\x55" * 4]

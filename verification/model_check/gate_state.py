@@ -280,7 +280,7 @@ class GateState:
         assert transaction is not None
         data = bytearray(normal_reply(transaction.prepared.request, transaction.prepared.codec))
         data[-2] ^= spoil  # of the check, where there is one
-        self._perform(self._own_core().on_data(bytes(data), self.now))
+        self._perform(self._own_core().on_data(bytes(data), self.now, 0))
 
     def _open(self, _: str) -> None:
         self.monitor.is_open = True

@@ -121,7 +121,7 @@ class WireState(GateState):
             data = 2 * normal_reply(transaction.prepared.request, transaction.prepared.codec)
         else:
             data = self.subject.other.codec.encode_request(self.subject.other.echo_test_read())
-        self._perform(self._own_core().on_data(data, self.now))
+        self._perform(self._own_core().on_data(data, self.now, 0))
         for _ in range(SILENCE_GRID_TICKS):
             self.now += self.subject.grid.tick_s
             self._perform(self._own_core().on_timer(self.now))

@@ -276,7 +276,7 @@ class BusCore:
             return
         prepared = self.transaction.prepared
         if prepared.token is token and prepared.effect is not Effect.STOP:
-            prepared.max_attempts = 0
+            prepared.max_attempts = prepared.attempts
 
     def _reject(self, bus_request: BusRequest, token: Any, error: Exception) -> list[CoreCommand]:
         return [DeliverResult(token, BusResult(bus_request=bus_request, error=error))]
@@ -312,7 +312,7 @@ class BusCore:
         self._silence_timeout.reset()
         return self._advance(now)
 
-    def on_data(self, data: bytes, now: float, line_errors: int = 0) -> list[CoreCommand]:
+    def on_data(self, data: bytes, now: float, line_errors: int) -> list[CoreCommand]:
         """Handle received bytes, ``line_errors`` of them with a parity or framing error."""
         self.counters.bytes_received += len(data)
         transaction = self.transaction
@@ -327,8 +327,7 @@ class BusCore:
         ):
             self._finish_transaction(transaction, now)
             transaction = self.transaction
-        if now > self._silent_since:
-            self._silent_since = now
+        self._silent_since = max(now, self._silent_since)
         if transaction is not None:
             transaction.on_data(data, now, line_errors)
         else:
@@ -452,8 +451,7 @@ class BusCore:
         station = prepared.station
         station.last_request_answered = transaction.received_count >= prepared.reply_bytes
         error = transaction.final_error()
-        echo_ruled_out = transaction.echo is None and self.echo.ruled_out
-        if error is not None or not echo_ruled_out or station.state.is_suspect:
+        if error is not None or not self.echo.ruled_out or station.state.is_suspect:
             if error is None and not prepared.is_broadcast:
                 error = self._reject_reason(transaction)
             self.echo.observe(transaction)
