@@ -295,6 +295,29 @@ def test_a_failed_disk_rejects_awaited_records_and_queues_the_others(
     asyncio.run(go())
 
 
+def test_a_service_that_ends_on_a_full_disk_leaves_no_half_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`audit verify` said that the writing process was killed, or the line was cut."""
+    real = os.write
+
+    def full(fd: int, data: bytes) -> int:
+        real(fd, data[: len(data) // 2])
+        raise OSError(28, "No space left on device")
+
+    async def go() -> None:
+        trail = new_trail(tmp_path)
+        await trail.open()
+        await trail.record(sample_entry(1))
+        await trail.checkpoint()
+        monkeypatch.setattr(os, "write", full)
+        trail.record_nowait(AuditEntry.by(LI, "drive.stop", target="fan-1", outcome="confirmed"))
+        await trail.close()
+        assert verify_report(trail).ok and [record["n"] for record in lines(trail.paths.current)] == [1, 2]
+
+    asyncio.run(go())
+
+
 def test_a_recovered_disk_is_noticed_without_a_request(tmp_path: Path) -> None:
     from drivebus.testing.virtual_time import run
 

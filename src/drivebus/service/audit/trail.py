@@ -162,8 +162,8 @@ class AuditTrail:
         await asyncio.wait([timer])
         await self._writer.flush()
         await self.checkpoint()
-        await self._writer.run_in_thread(self._chain.close)
         await self._writer.close()
+        self._chain.close()  # after the last attempt to write, which a full disk may leave half done
 
     async def _write_checkpoints(self) -> None:
         rounds = round(CHECKPOINT_INTERVAL_S / AUDIT_RETRY_INTERVAL_S)
