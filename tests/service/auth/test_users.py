@@ -239,6 +239,22 @@ def test_a_file_with_other_content_is_rejected_and_never_overwritten(tmp_path: P
     assert path.read_text() == content
 
 
+def test_the_error_of_a_damaged_user_file_names_the_place_and_no_hash(tmp_path: Path) -> None:
+    """It is printed and logged: it quoted a part of the file, in English and over several lines."""
+    path = tmp_path / "users.json"
+    UserFile(path).change(lambda database: database.with_user(replace(ADMIN, password="$argon2id$v=19$m=8")))
+    whole = path.read_text()
+    entry = {"en": "users.0.password is missing or has a wrong value", "zh": "users.0.password 缺失或值不正确"}
+    content = {"en": "its content is not the JSON of users", "zh": "其内容不是用户数据的 JSON"}
+    for damaged, problem in ((whole.replace('"$', '["$').replace('8"', '8"]'), entry), (whole[:-9], content)):
+        path.write_text(damaged)
+        with pytest.raises(ConfigurationError) as raised:
+            UserFile(path).read()
+        for language, expected in problem.items():
+            text = raised.value.text(language)
+            assert expected in text and "argon2" not in text and "\n" not in text and "http" not in text
+
+
 def test_a_broken_edit_of_the_user_file_prevents_no_stop_and_is_not_overwritten(tmp_path: Path) -> None:
     file = UserFile(tmp_path / "users.json")
     file.change(lambda database: database.with_user(ADMIN))

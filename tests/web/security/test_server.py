@@ -22,6 +22,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from drivebus.errors import ConfigurationError
 from drivebus.service.auth.service import AuthService
+from drivebus.service.auth.users import UserFile
 from drivebus.service.ipc.client import SocketClient
 from drivebus.service.process.gateway_arguments import GatewayArguments
 from drivebus.web import __main__ as web_process
@@ -40,7 +41,7 @@ from drivebus.web.server import (
     listen_host,
     server_config,
 )
-from fixtures.web_app import PASSWORD, WebAppHarness
+from fixtures.web_app import PASSWORD, USERS, WebAppHarness
 
 
 @contextlib.asynccontextmanager
@@ -399,6 +400,19 @@ async def test_a_garbage_collection_does_not_traverse_the_whole_app(
     finally:
         gc.unfreeze()
     assert frozen[0] > before
+
+
+def test_a_set_up_secret_ends_with_its_file_where_an_administrator_is_added_on_the_command_line(tmp_path: Path) -> None:
+    users = UserFile(tmp_path / "users.json")
+    arguments = GatewayArguments(
+        socket=tmp_path / "socket", directory=tmp_path, user_file=users.path, settings=WebConfig(port=0)
+    )
+    secret_file = tmp_path / "setup-secret"
+    web_process._auth_service(arguments).setup_secret.issue()
+    assert secret_file.exists()
+    users.change(lambda _: USERS)
+    web_process._auth_service(arguments)
+    assert not secret_file.exists()
 
 
 async def test_a_stop_works_beside_500_idle_connections(tmp_path: Path) -> None:

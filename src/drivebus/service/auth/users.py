@@ -15,10 +15,11 @@ from pydantic import TypeAdapter, ValidationError
 from drivebus import i18n
 from drivebus.atomic_write import PRIVATE_FILE_MODE, atomic_write_private
 from drivebus.errors import ConfigurationError, SystemReason
-from drivebus.profiles.diagnostics import CONTROL_CHARACTERS, is_blank
+from drivebus.profiles.diagnostics import CONTROL_CHARACTERS, bilingual_text, is_blank
 from drivebus.service.auth.errors import Conflict, InvalidInput, ResourceNotFound
 from drivebus.service.auth.names import appearance, check_user_name, normalized_name
 from drivebus.service.auth.rights import ROLE_RIGHTS, Right, Role
+from drivebus.values import Text
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,12 +245,21 @@ class UserFile:
     def _load(self) -> UserDatabase:
         try:
             database = _USER_DATABASE_ADAPTER.validate_json(self.path.read_bytes())
-        except (OSError, ValidationError) as error:
+        except ValidationError as error:
+            problem = _content_problem(error)
+            raise ConfigurationError("auth.store_unusable", file=str(self.path), problem=problem) from None
+        except OSError as error:
             raise self._unusable_error(error) from error
         return replace(database, tokens=tuple(_with_right_to_stop(token) for token in database.tokens))
 
     def _unusable_error(self, error: Exception) -> ConfigurationError:
         return ConfigurationError("auth.store_unusable", file=str(self.path), problem=SystemReason(error))
+
+
+def _content_problem(error: ValidationError) -> Text:
+    """Return where the content of the file is wrong, without the content: it holds hashes of secrets."""
+    place = ".".join(map(str, error.errors(include_input=False, include_url=False)[0]["loc"]))
+    return bilingual_text("auth.store_entry", place=place) if place else bilingual_text("auth.store_content")
 
 
 def _log_changes(path: Path, before: UserDatabase, after: UserDatabase) -> None:
