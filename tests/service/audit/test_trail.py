@@ -298,7 +298,7 @@ def test_a_failed_disk_rejects_awaited_records_and_queues_the_others(
 def test_a_service_that_ends_on_a_full_disk_leaves_no_half_record(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """`audit verify` said that the writing process was killed, or the line was cut."""
+    """`audit verify` took it for a kill or a cut."""
     real = os.write
 
     def full(fd: int, data: bytes) -> int:

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from drivebus.errors import ServiceUnavailable
+from drivebus.service.historian import Historian
 from drivebus.service.live.views import DriveView, SignalView
 from drivebus.service.runtime.run_statistics import (
     DOCUMENT_KIND,
@@ -108,8 +109,7 @@ async def test_statistics_survive_in_the_history(database: HistoryDatabase) -> N
         await store.open()
         for n in range(int(SAVE_INTERVAL_S) + 2):
             store.on_view(view("running"), float(n), NOON_MS)
-        await historian.flush()
-        stored = await historian.documents(DOCUMENT_KIND)
+        stored = await _flushed_documents(historian)
         assert stored["fan-1"]["running_s"] == SAVE_INTERVAL_S
         await store.close()
     async with database.historian() as historian:
@@ -117,6 +117,23 @@ async def test_statistics_survive_in_the_history(database: HistoryDatabase) -> N
         await store.open()
         answer = store.statistics_json("fan-1")
     assert answer["running_h"] == pytest.approx((SAVE_INTERVAL_S + 1) / 3600, abs=1e-4)
+
+
+async def test_a_start_and_a_trip_are_saved_at_once_so_that_no_kill_loses_them(database: HistoryDatabase) -> None:
+    async with database.historian() as historian:
+        store = RunStatisticsStore(historian)
+        await store.open()
+        for n, one in enumerate(
+            (view("stopped"), view("running"), view("fault", fault="E-3"), view("fault", fault="E-3"))
+        ):
+            store.on_view(one, float(n), NOON_MS)
+        stored = await _flushed_documents(historian)
+        assert (stored["fan-1"]["starts"], stored["fan-1"]["faults"]) == (1, {"E-3": 1})
+
+
+async def _flushed_documents(historian: Historian) -> dict[str, Any]:
+    await historian.flush()
+    return await historian.documents(DOCUMENT_KIND)
 
 
 def test_stored_statistics_are_loaded_later_and_never_overwritten_before() -> None:

@@ -19,7 +19,9 @@ from drivebus.types import Json
 from drivebus.values import Quality
 
 DOCUMENT_KIND = "statistics"
-SAVE_INTERVAL_S = 60.0  # what a killed service loses at most
+SAVE_INTERVAL_S = (
+    60.0  # of the hours and the energy, which a killed service loses at most; a start or trip is saved at once
+)
 LOAD_RETRY_S = 10.0
 LOAD_TIMEOUT_S = 1.0  # a database that does not answer delays the start of the service by no more
 MAX_OBSERVATION_GAP_S = 5.0
@@ -56,6 +58,11 @@ class RunStatistics:
 
     def to_document(self) -> Json:
         return {name: value for name, value in asdict(self).items() if not name.startswith("_")}
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """Number of starts and of trips."""
+        return self.starts or 0, sum(self.faults.values())
 
     def observe(self, view: DriveView, now: float, now_ms: int) -> None:
         """Take in a view at ``now``, in monotonic seconds; ``now_ms`` only labels the first one."""
@@ -164,8 +171,9 @@ class RunStatisticsStore:
         if not self.is_loaded:
             return
         statistics = self._drives.setdefault(view.id, RunStatistics())
+        counts = statistics.counts
         statistics.observe(view, now, now_ms)
-        if now - self._saved_at.setdefault(view.id, now) >= SAVE_INTERVAL_S:
+        if statistics.counts != counts or now - self._saved_at.setdefault(view.id, now) >= SAVE_INTERVAL_S:
             self._save(view.id)
             self._saved_at[view.id] = now
 
