@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -13,12 +12,10 @@ from drivebus import i18n
 from drivebus.bus.trace import TraceKind
 from drivebus.drives import MemoryStore
 from drivebus.drives.context import DriveLimits
-from drivebus.drives.state import DriveState
 from drivebus.errors import InvalidParameters, StopUnconfirmed
 from drivebus.protocols.codec import Effect
 from drivebus.service.app import Service
 from drivebus.service.config.model import BusConfig, InterlockConfig, OnRestart, OnServiceStop
-from drivebus.service.control.policies import may_be_running
 from drivebus.simulator.motor import OutputPhase
 from drivebus.simulator.port import find_simulated_bus, simulated_bus_of
 from drivebus.testing.virtual_time import run
@@ -121,14 +118,17 @@ def test_the_start_of_the_service_sends_only_reads() -> None:
     run(scenario())
 
 
-@pytest.mark.parametrize("state", [DriveState.UNKNOWN, DriveState.STOPPED])
-def test_an_adopted_drive_whose_state_was_lost_is_stopped_by_an_interlock_as_one_that_may_be_running(
-    state: DriveState,
-) -> None:
-    adopted: Any = SimpleNamespace(runs_for_service=True, turning=state.turning)
-    assert may_be_running(adopted)
-    adopted.runs_for_service = False  # the supervision does that at the first report of standstill
-    assert not may_be_running(adopted)
+def test_an_adopted_drive_may_be_running_until_it_is_reported_at_standstill() -> None:
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(5)
+            drive = kit.service.plant.drives["fan-1"]
+            drive.adopted = True
+            assert not drive.turning and drive.may_be_running
+            await asyncio.sleep(5)
+            assert not drive.may_be_running
+
+    run(scenario())
 
 
 def test_an_interlock_stops_a_running_drive_and_blocks_its_start() -> None:

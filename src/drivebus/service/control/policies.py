@@ -21,8 +21,7 @@ from drivebus.service.runtime.failure_log import failure_logged
 from drivebus.service.runtime.plant import Plant
 from drivebus.values import Text
 
-STANDSTILL_CONFIRM_S = 3.0  # after a start command; a drive that still reports standstill then has not started
-OTHER_SPEED_DELAY_S = 10.0  # a frequency that a slow bus is setting just now is no alarm
+STANDSTILL_CONFIRM_S = 3.0  # so soon after a start command, a reported standstill may be the one before the start
 OperationCall = Callable[[str, dict[str, Any], Actor], Awaitable[dict[str, Any]]]
 
 
@@ -58,7 +57,8 @@ class StopPolicies:
             self._on_hand_over_unused(runtime, owner)
             return
         self.plant.publish_event("lease", runtime.id, key, actor=owner, owner=owner, **params)
-        if runtime.drive.stopping or (not may_be_running(runtime) and not _state_lost(runtime)):
+        state_lost = runtime.state_is_unknown and runtime.drive.dialect.reports_run_state
+        if runtime.drive.stopping or not (runtime.may_be_running or state_lost):
             return
         if runtime.config.on_client_lost is OnClientLost.STOP:
             self.stop_drive(runtime, "plant.stopped_client_lost", owner=owner)
@@ -68,7 +68,7 @@ class StopPolicies:
     def _on_hand_over_unused(self, runtime: DriveRuntime, owner: str) -> None:
         """Handle control that was handed over and never used: the drive goes on as after a release, with an alarm."""
         self.plant.publish_event("lease", runtime.id, "plant.control_not_taken", actor=owner, owner=owner)
-        if may_be_running(runtime):
+        if runtime.may_be_running:
             self._alarm_control_lost(runtime, sentence="control_not_taken", owner=owner)
 
     def _alarm_control_lost(self, runtime: DriveRuntime, **params: str) -> None:
@@ -77,7 +77,7 @@ class StopPolicies:
         self.plant.raise_alarm(SystemAlarm.CONTROL_LOST, runtime.id, motion=bilingual_text(key), **params)
 
     def on_status(self, runtime: DriveRuntime, status: DriveStatus) -> None:
-        """Apply ``on_restart`` to a drive that is found running, note a standstill, and check the speed."""
+        """Apply ``on_restart`` to a drive that is found running, and handle a standstill."""
         state = status.state
         if state is DriveState.UNKNOWN:
             return
@@ -98,29 +98,12 @@ class StopPolicies:
         if has_control or not (state.turning or is_starting):
             for kind in (SystemAlarm.RUNNING_AT_START, SystemAlarm.CONTROL_LOST):
                 self.plant.clear_alarm(kind, runtime.id)
-        self._check_speed(runtime, status)
 
     def _note_own_standstill(self, runtime: DriveRuntime, status: DriveStatus) -> None:
         """Publish that a drive that the service has run stands still, without a trip and without a stop request."""
         is_run = runtime.started_by_service and runtime.commanded_hz is not None and runtime.comm_loss.test is None
         if is_run and runtime.last_stop is None and status.state is not DriveState.FAULT:
             self.plant.publish_event("stop", runtime.id, "plant.stopped_by_itself")
-
-    def _check_speed(self, runtime: DriveRuntime, status: DriveStatus) -> None:
-        """Raise the alarm of a drive that keeps another speed than was set, or clear it.
-
-        After a dip of its supply it may run again by itself at the frequency of its keypad.
-        """
-        is_set = runtime.started_by_service and runtime.last_motion_at != inf and not runtime.ramp_holds
-        difference = runtime.speed_difference
-        before = difference.since
-        difference.update(status, runtime.commanded_hz if is_set else None)
-        if difference.since is None:
-            if before is not None:
-                self.plant.clear_alarm(SystemAlarm.OTHER_SPEED, runtime.id)
-        elif difference.found_at - difference.since >= OTHER_SPEED_DELAY_S:
-            found_hz, set_hz = difference.found_hz, runtime.commanded_hz
-            self.plant.raise_alarm(SystemAlarm.OTHER_SPEED, runtime.id, found_hz=found_hz, set_hz=set_hz)
 
     def enforce_interlocks(self, views: Mapping[str, DriveView], now: float) -> None:
         """Stop every running drive with a tripped interlock of the action ``stop``, and raise its alarm.
@@ -140,7 +123,7 @@ class StopPolicies:
     def _stop_tripped(self, runtime: DriveRuntime) -> None:
         """Stop a running drive with a tripped interlock."""
         tripped = self.plant.interlocks.tripped_stops(runtime.id)
-        if not tripped or not may_be_running(runtime):
+        if not tripped or not runtime.may_be_running:
             self._announced_trips.pop(runtime.id, None)
         elif not runtime.drive.stopping and runtime.id not in self._stopping:
             self._start_stop(runtime)
@@ -189,13 +172,3 @@ class StopPolicies:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-
-
-def _state_lost(runtime: DriveRuntime) -> bool:
-    """Return whether the state of a drive that reports one is unknown now: it may be running."""
-    return runtime.drive.dialect.reports_run_state and runtime.state_is_unknown
-
-
-def may_be_running(runtime: DriveRuntime) -> bool:
-    """Return whether the motor turns, or was started or adopted and has not reported standstill since."""
-    return runtime.runs_for_service or runtime.turning

@@ -98,6 +98,11 @@ class DriveRuntime:
         return self.started_by_service or self.adopted or (not self.state_was_known and self.turning)
 
     @property
+    def may_be_running(self) -> bool:
+        """Whether its motor turns, or was started or adopted and has not been reported at standstill since."""
+        return self.runs_for_service or self.turning
+
+    @property
     def turning(self) -> bool:
         """Whether its motor turns; where its status can't be made, whether it turned when its state was known last."""
         status = self._status_or_none()

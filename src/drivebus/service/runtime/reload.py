@@ -28,7 +28,6 @@ from drivebus.service.config.diff import ConfigDiff, ReloadAction, config_diff
 from drivebus.service.config.load import load
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.config.redaction import redact_text
-from drivebus.service.control.policies import may_be_running
 from drivebus.service.live.publisher import LivePublisher
 from drivebus.service.process.permissions import check_plant_files
 from drivebus.service.runtime.bus import BusRuntime
@@ -106,7 +105,7 @@ class ConfigReload:
         unreadable = [id for id in lost if not self.plant.drives[id].has_status]
         if unreadable:
             raise ServiceError("plant.reload_no_status", drives=Text.join_names(unreadable))
-        turning = [id for id in lost if may_be_running(self.plant.drives[id]) or self.plant.drives[id].drive.stopping]
+        turning = [id for id in lost if self.plant.drives[id].may_be_running or self.plant.drives[id].drive.stopping]
         if turning:
             raise ServiceError("plant.reload_turning", drives=Text.join_names(turning))
         silent = [id for id in lost if id in _other_motors(change) and self.plant.drives[id].last_known_turning]

@@ -12,17 +12,13 @@ from functools import partial
 from pathlib import Path
 
 from drivebus import i18n
-from drivebus.bus.station import Presence
-from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
-from drivebus.drives.state import DriveState, DriveStatus, names_fault_label
 from drivebus.errors import ConfigurationError, DrivebusError
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.alarms import SystemAlarm
-from drivebus.service.alarms.condition import UNNAMED_FAULT_DELAY_S
 from drivebus.service.api.errors import failure_reason, localized
 from drivebus.service.audit.chain import AUDIT_FILE
 from drivebus.service.config.certificates import CertificateState, certificate_states
-from drivebus.service.config.model import GroupConfig, title_of
+from drivebus.service.config.model import GroupConfig
 from drivebus.service.control.control_commands import ControlCommands
 from drivebus.service.control.jogs import RemoteJogs
 from drivebus.service.control.policies import StopPolicies
@@ -32,6 +28,7 @@ from drivebus.service.process.permissions import certificate_problems
 from drivebus.service.process.systemd import SystemdNotifier
 from drivebus.service.runtime.bus import BusRuntime
 from drivebus.service.runtime.drive import DriveRuntime
+from drivebus.service.runtime.drive_reports import report_fault, report_other_speed, report_presence
 from drivebus.service.runtime.failure_log import failure_logged
 from drivebus.service.runtime.plant import Plant
 from drivebus.service.storage.storage import Storage
@@ -183,51 +180,14 @@ class SupervisionCycle:
         view = self._publisher.publish_drive(runtime, status)
         for step in (
             lambda: plant.put_view(view),
-            lambda: self._report_presence(runtime, status),
-            lambda: self._report_fault(runtime, status),
+            lambda: report_presence(plant, runtime, status),
+            lambda: report_fault(plant, runtime, status),
             lambda: self._policies.on_status(runtime, status),
+            lambda: report_other_speed(plant, runtime, status),
             lambda: plant.publish_alarms(plant.alarms.observe(view, plant.now(), plant.wall_ms())),
             lambda: self._schedule_comm_loss_read(runtime, plant.now()),
         ):
             self._run_step(step)
-
-    def _report_presence(self, runtime: DriveRuntime, status: DriveStatus) -> None:
-        """Publish an event when a drive stops answering, when its late or damaged replies come, and when it is back."""
-        presence = runtime.bus.presence(runtime.config.address)
-        before, runtime.reported_presence = runtime.reported_presence, presence
-        unusable = presence is Presence.OFFLINE and status.unusable_reply is not None
-        if presence is not before:
-            runtime.reported_unusable_reply = False
-        if (presence is before and runtime.reported_unusable_reply >= unusable) or (
-            before in (None, Presence.NEVER_SEEN) and presence is not Presence.OFFLINE
-        ):
-            return
-        params: Json = {"drive": title_of(runtime.config)}
-        key = "plant.drive_silent" if presence is Presence.OFFLINE else "plant.drive_back"
-        if unusable:
-            key, params["reason"] = "plant.drive_unusable_reply", status.unusable_reply
-            runtime.reported_unusable_reply = True
-        self._plant.publish_event("presence", runtime.id, key, **params)
-
-    def _report_fault(self, runtime: DriveRuntime, status: DriveStatus) -> None:
-        """Publish an event when a drive trips; the same fault after a pause in communication is no new one."""
-        fault = status.fault
-        if fault is None:
-            if status.state is not DriveState.UNKNOWN or "status" not in runtime.profile.capabilities:
-                runtime.reported_fault = None
-        elif runtime.reported_fault != fault.code and not self._is_naming_awaited(runtime, fault.code):
-            runtime.reported_fault = fault.code
-            key = "plant.drive_fault_says" if names_fault_label(fault.text.en, fault.label) else "plant.drive_fault"
-            self._plant.publish_event("fault", runtime.id, key, label=fault.label, fault=fault.text)
-
-    def _is_naming_awaited(self, runtime: DriveRuntime, code: int) -> bool:
-        """Return whether a fault has no code yet because its fault word is being read."""
-        now = self._plant.now()
-        if code != UNNAMED_FAULT_CODE:
-            runtime.unnamed_fault_at = None
-        elif runtime.unnamed_fault_at is None:
-            runtime.unnamed_fault_at = now
-        return runtime.unnamed_fault_at is not None and now - runtime.unnamed_fault_at < UNNAMED_FAULT_DELAY_S
 
     def _supervise_port(self, bus_runtime: BusRuntime) -> None:
         """Raise alarms for a lost port and a foreign master; publish an event when a port is lost or open again."""
