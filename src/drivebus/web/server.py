@@ -13,6 +13,7 @@ from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
+from starlette.types import ASGIApp
 
 from drivebus import i18n
 from drivebus.errors import ConfigurationError, SystemReason
@@ -195,7 +196,7 @@ class TlsContext:
         return []
 
 
-def server_config(app: FastAPI, context: ssl.SSLContext | None = None) -> uvicorn.Config:
+def server_config(app: ASGIApp, context: ssl.SSLContext | None = None) -> uvicorn.Config:
     """Return the settings of uvicorn."""
     config = uvicorn.Config(
         app,

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import peers
-from fixtures.browser import Stage, log_in, staged
+from fixtures.browser import Stage, log_in_by_request, staged, wait_until_live
+
+ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--in-process-gpu", "--renderer-process-limit=1"]
+"""Without a graphics card; few processes, because starting one for each test takes a third of the processor's time."""
 
 ALLOWED_NOISE = (
     "ERR_CONNECTION_REFUSED",
@@ -42,7 +46,7 @@ def browser() -> Iterator[Any]:
     with sync_playwright() as driver:
 
         def launch() -> Any:
-            return driver.chromium.launch(executable_path=program, args=["--no-sandbox", "--disable-gpu"])
+            return driver.chromium.launch(executable_path=program, args=ARGUMENTS)
 
         try:
             found = launch()
@@ -79,39 +83,68 @@ def stage(plant: Stage) -> Stage:
 Visit = Callable[..., Any]
 
 
+class BrowserContexts:
+    """Contexts of one browser by their options, kept for all tests: each loads the files of the page only once."""
+
+    def __init__(self, browser: Any, origin: str) -> None:
+        self._browser = browser
+        self._origin = origin
+        self._unused: dict[str, list[Any]] = {}
+
+    @contextmanager
+    def open_page(self, **options: Any) -> Iterator[Any]:
+        """Open a page in a context that has no other page, no cookie and nothing in its local storage."""
+        unused = self._unused.setdefault(repr(sorted(options.items())), [])
+        context = unused.pop() if unused else self._browser.new_context(**options)
+        page = context.new_page()
+        devtools = context.new_cdp_session(page)
+        devtools.send("Storage.clearDataForOrigin", {"origin": self._origin, "storageTypes": "local_storage"})
+        devtools.detach()
+        yield page
+        for opened in context.pages:
+            opened.close()
+        context.clear_cookies()
+        unused.append(context)
+
+
+@pytest.fixture(scope="session")
+def contexts(browser: Any, plant: Stage) -> BrowserContexts:
+    return BrowserContexts(browser, plant.at)
+
+
 @pytest.fixture
-def visit(browser: Any, stage: Stage) -> Iterator[Visit]:
+def visit(contexts: BrowserContexts, stage: Stage) -> Iterator[Visit]:
     """Return a function that opens a logged-in page, ``visit("#/fleet", language="zh", role="engineer")``.
 
     The test fails on any error of the page's scripts.
     """
-    contexts, errors = [], []
+    errors: list[str] = []
+    with ExitStack() as used:
 
-    def go(
-        way: str = "#/fleet",
-        *,
-        language: str = "en",
-        theme: str = "light",
-        role: str | None = "engineer",
-        size: tuple[int, int] = (1280, 900),
-        **more: Any,
-    ) -> Any:
-        locale = {"en": "en-GB", "zh": "zh-CN"}[language]
-        viewport = {"width": size[0], "height": size[1]}
-        context = browser.new_context(viewport=viewport, color_scheme=theme, locale=locale, **more)
-        contexts.append(context)
-        page = context.new_page()
-        page.set_default_timeout(30_000)
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.on("console", lambda text: _record_error(text, errors))
-        page.goto(f"{stage.at}/{way}")
-        if role is not None:
-            log_in(page, role)
-        return page
+        def go(
+            way: str = "#/fleet",
+            *,
+            language: str = "en",
+            theme: str = "light",
+            role: str | None = "engineer",
+            size: tuple[int, int] = (1280, 900),
+            **more: Any,
+        ) -> Any:
+            locale = {"en": "en-GB", "zh": "zh-CN"}[language]
+            viewport = {"width": size[0], "height": size[1]}
+            options = {"viewport": viewport, "color_scheme": theme, "locale": locale, **more}
+            page = used.enter_context(contexts.open_page(**options))
+            page.set_default_timeout(30_000)
+            page.on("pageerror", lambda error: errors.append(str(error)))
+            page.on("console", lambda text: _record_error(text, errors))
+            if role is not None:
+                log_in_by_request(page, stage.at, role)
+            page.goto(f"{stage.at}/{way}")
+            if role is not None:
+                wait_until_live(page)
+            return page
 
-    yield go
-    for context in contexts:
-        context.close()
+        yield go
     assert errors == []
 
 

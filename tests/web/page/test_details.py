@@ -105,9 +105,10 @@ def test_no_detail_is_wider_than_a_phone(stage: Stage, visit: Any, language: str
 
 
 def test_touch_pans_and_zooms_a_trend(visit: Any) -> None:
-    """A finger pans through time, two zoom; the page still scrolls vertically."""
+    """A finger pans through time, two zoom; a tap shows values, also where no mouse points; the page still scrolls."""
     page = visit("#/history?tags=fan-1.output_frequency", size=(360, 740), has_touch=True)
     over, window = page.locator(".u-over"), page.locator(".trend-window")
+    page.locator(".trend-readout .value").first.wait_for()
     over.scroll_into_view_if_needed()
     box = over.bounding_box()
     before = window.inner_text()
@@ -119,6 +120,8 @@ def test_touch_pans_and_zooms_a_trend(visit: Any) -> None:
 
     page.touchscreen.tap(box["x"] + 60, box["y"] + 40)
     expecting()(page.locator(".trend-tip")).to_contain_text("Supply fan")
+    page.touchscreen.tap(box["x"] + 60, box["y"] - 40)
+    expecting()(page.locator(".trend-tip")).to_have_count(0)
     touch("touchStart", 60)
     touch("touchMove", 160)
     touch("touchEnd")

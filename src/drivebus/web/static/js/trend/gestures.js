@@ -33,6 +33,7 @@ export function attachGestures(over, host, trend) {
   }, { passive: false });
 
   attachDrags(over, on, trend, momentAt);
+  keepTapped(over, on);
   on(over, "dblclick", () => trend.back());
   on(host, "keydown", (event) => {
     if (event.target !== host || event.ctrlKey || event.metaKey || event.altKey) return;
@@ -92,4 +93,17 @@ function attachDrags(over, on, trend, momentAt) {
     }
   });
   for (const name of ["pointerup", "pointercancel"]) on(over, name, (event) => fingers.delete(event.pointerId));
+}
+
+/** Keep the values at a tap until the next tap elsewhere: a browser with a mouse leaves the chart again at once. */
+function keepTapped(over, on) {
+  let isTapped = false;
+  const follow = ({ pointerType }) => { isTapped = pointerType === "touch"; };
+  for (const name of ["pointerdown", "pointermove"]) on(over, name, follow);
+  on(over, "mouseleave", (event) => { if (isTapped) event.stopImmediatePropagation(); }, { capture: true });
+  on(document, "pointerdown", (event) => {
+    if (!isTapped || over.contains(event.target)) return;
+    isTapped = false;
+    over.dispatchEvent(new MouseEvent("mouseleave"));
+  });
 }
