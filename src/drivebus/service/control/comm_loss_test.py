@@ -15,11 +15,7 @@ from dataclasses import dataclass
 from drivebus.commissioning.acceptance import COMM_LOSS_MARGIN_S, UNKNOWN_COMM_LOSS_S
 from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
 from drivebus.drives.state import DriveState, DriveStatus, Fault
-from drivebus.errors import (
-    DrivebusError,
-    ServiceError,
-    Superseded,
-)
+from drivebus.errors import DrivebusError, ServiceError, Superseded
 from drivebus.service.api.errors import localized
 from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations.comm_loss import (
@@ -165,11 +161,7 @@ class CommLossTests:
         if self._was_stopped(test):
             return
         self.plant.record_stop_request(test.runtime, by=test.actor.name, kind="test")
-        try:
-            outcome = await self.commands.finish_stop(test.runtime, test.runtime.drive.stop())
-        except DrivebusError:
-            return  # an unconfirmed stop has raised its alarm and is being repeated
-        self.commands.publish_outcome(test.runtime, "stop", outcome, test.actor)
+        await self.commands.report_stop(test.runtime, test.runtime.drive.stop(), test.actor)
 
     def _was_stopped(self, test: ActiveTest) -> bool:
         counts = self.plant.stop_counts

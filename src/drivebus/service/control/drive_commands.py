@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable
+from contextlib import suppress
 from dataclasses import replace
 from math import inf
 from typing import Any
@@ -126,22 +127,20 @@ class DriveCommands:
     async def run_motion(self, runtime: DriveRuntime, motion: Awaitable[Outcome]) -> Outcome:
         """Await a motion. One that failed before any motor can run by it leaves ``started_by_service`` unchanged."""
         before, runtime.started_by_service, runtime.last_motion_at = runtime.started_by_service, True, inf
-        last_stop = runtime.last_stop
+        last_stop, may_be_running = runtime.last_stop, False
         try:
             outcome = await motion
+            may_be_running = True
+            return outcome
         except DrivebusError as error:
-            if error.may_be_running is False:
+            may_be_running = error.may_be_running is not False
+            if not may_be_running:
                 runtime.started_by_service = before
-            elif runtime.last_stop is last_stop:  # a frame that starts it may have left after that stop
-                runtime.last_stop = None
-                runtime.started_by_service = True  # that stop may have been confirmed meanwhile
             raise
-        else:
-            if runtime.last_stop is last_stop:  # else it was stopped during the start
+        finally:
+            if may_be_running and runtime.last_stop is last_stop:  # else it was stopped during the start
                 runtime.last_stop = None
                 runtime.started_by_service = True  # the stop before it may have been confirmed meanwhile
-            return outcome
-        finally:
             runtime.last_motion_at = self.plant.now()
 
     @handles(DRIVE_SET_FREQUENCY)
@@ -237,11 +236,20 @@ class DriveCommands:
             if error.outcome is not None:
                 raise_for_status(repeated_stop(runtime, error.outcome), stop=True)
             raise
+        self.record_stopped(runtime, outcome)
+        return outcome
+
+    async def report_stop(self, runtime: DriveRuntime, stop: Awaitable[Outcome], actor: Actor) -> None:
+        """Await a stop and publish its outcome; an unconfirmed one has raised its alarm and is being repeated."""
+        with suppress(DrivebusError):
+            self.publish_outcome(runtime, "stop", await self.finish_stop(runtime, stop), actor)
+
+    def record_stopped(self, runtime: DriveRuntime, outcome: Outcome) -> None:
+        """Record a stop that was confirmed, or acknowledged by a drive that reports no run state."""
         runtime.end_motion()
         runtime.commanded_hz = None
         self.plant.stop_statistics.count_outcome(outcome)
         self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
-        return outcome
 
     @handles(DRIVE_RESET)
     async def reset_fault(self, params: DriveParams, actor: Actor) -> Json:

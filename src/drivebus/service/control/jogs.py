@@ -118,16 +118,10 @@ class RemoteJogs:
         jog = self._active.pop(id)
         self.plant.record_stop_request(jog.drive, by=jog.actor.name, kind="jog")
         self.plant.publish_event("lease", jog.drive.id, key, actor=jog.actor.name)
-        task = asyncio.create_task(self._finish_expired(jog), name=f"lost jog of {jog.drive.id}")
+        stop = self.commands.report_stop(jog.drive, jog.session.stop(), jog.actor)
+        task = asyncio.create_task(stop, name=f"lost jog of {jog.drive.id}")
         self._stop_tasks.add(task)
         task.add_done_callback(self._stop_tasks.discard)
-
-    async def _finish_expired(self, jog: ActiveJog) -> None:
-        try:
-            outcome = await self.commands.finish_stop(jog.drive, jog.session.stop())
-        except DrivebusError:
-            return  # an unconfirmed stop has raised its alarm and is being repeated
-        self.commands.publish_outcome(jog.drive, "stop", outcome, jog.actor)
 
     async def close(self) -> None:
         """End all jogs."""

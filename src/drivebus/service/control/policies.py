@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
+from contextlib import suppress
 from math import inf
 from typing import Any
 
@@ -161,10 +162,8 @@ class StopPolicies:
             del self._stopping[drive]
 
     async def _send_stop(self, runtime: DriveRuntime) -> None:
-        try:
+        with suppress(DrivebusError):  # an unconfirmed stop has raised its alarm and is being repeated
             await self._call(DRIVE_STOP.name, {"drive": runtime.id}, self.service_actor)
-        except DrivebusError:
-            return  # an unconfirmed stop has raised its alarm and is being repeated
 
     async def close(self) -> None:
         """Cancel waiting for confirmations; the stops themselves have been sent."""

@@ -70,11 +70,8 @@ class StopCommands:
         for address, outcome in report.outcomes:
             runtime = by_address[address]
             outcomes[runtime.id] = outcome_json(repeated_stop(runtime, outcome), self.plant.command_id("stop"))
-            self.plant.stop_statistics.count_outcome(outcome)
             if outcome.succeeded:
-                runtime.end_motion()
-                runtime.commanded_hz = None
-                self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
+                self.commands.record_stopped(runtime, outcome)
             else:
                 self.plant.raise_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
         result = {
