@@ -89,7 +89,7 @@ class DriveLimits:
     maximum_hz: float | None = None
     forward: bool = True
     reverse: bool = True
-    eeprom_writes_per_day: int = DEFAULT_EEPROM_WRITES_PER_DAY  # per parameter, counted over restarts; 0: never
+    eeprom_writes_per_day: int = DEFAULT_EEPROM_WRITES_PER_DAY  # of each parameter, counted across restarts; 0: none
 
     def __post_init__(self) -> None:
         budget = self.eeprom_writes_per_day
@@ -138,9 +138,9 @@ class DriveContext:
     acceleration_s: float | None = None
     deceleration_s: float | None = None
     command_count: int = 0
-    model_key: str | None = None  # of the stored record of the model that last passed its pre-flight check here
-    was_this_model: bool = False  # that record names this model
-    contact_losses: int = 0  # of the station, when it was last found to answer: a later one voids the pre-flight
+    model_key: str | None = None  # in the store: of the model that last passed its pre-flight check here
+    was_this_model: bool = False  # the stored record names this model
+    contact_losses: int = 0  # of the station when it last answered: a later loss voids the pre-flight check
     model_assumed: bool = False  # the user states that the station is of this model: its stops are sent unread
     on_read: Callable[[BusResult], None] = lambda _result: None  # called with every read of an operation
 

@@ -9,8 +9,8 @@ from drivebus.values import Quality
 
 SPEED_PROGRESS_HZ = 0.02  # a smaller step toward the commanded frequency is no progress
 SPEED_PROGRESS_TIMEOUT_S = 5.0  # without progress for so long the speed is steady (3,600 s ramp: 0.07 Hz in 5 s)
-SPEED_TOLERANCE = 0.1  # share of the commanded frequency; slip compensation is well below it
-MIN_SPEED_TOLERANCE_HZ = 0.5  # and never less than this
+OTHER_SPEED_SHARE = 0.1  # difference as a share of the commanded frequency; slip compensation is well below it
+MIN_OTHER_SPEED_HZ = 0.5  # least difference, which counts at low frequencies
 
 
 class SpeedProgress:
@@ -63,7 +63,7 @@ class SpeedDifference:
             return
         self.found_hz, self.found_at = float(reading.value), reading.source_time
         difference_hz = abs(self.found_hz - commanded_hz)
-        if difference_hz <= max(MIN_SPEED_TOLERANCE_HZ, SPEED_TOLERANCE * commanded_hz):
+        if difference_hz <= max(MIN_OTHER_SPEED_HZ, OTHER_SPEED_SHARE * commanded_hz):
             self._progress = self.since = None
             return
         self._progress = self._progress or SpeedProgress(self.found_at)

@@ -56,7 +56,7 @@ class StopSupervisor:
         outcome, was_suspended = await self._stop_once(mode, wait=wait, drive_count=drive_count)
         if was_suspended:  # the drive's reports are from before that
             outcome, _ = await self._stop_once(mode, wait=wait, drive_count=drive_count)
-        if outcome.key == "drives.stop_answered":  # all that a caller who does not ``wait`` asks for
+        if outcome.key == "drives.stop_answered":  # a caller with ``wait=False`` needs no more
             return outcome
         return raise_for_status(outcome, stop=True)
 

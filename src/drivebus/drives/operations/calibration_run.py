@@ -24,7 +24,7 @@ from drivebus.values import Text
 T = TypeVar("T")
 
 CALIBRATION_RUN_S = 3.0  # time to reach 5 Hz and to observe the motor
-RUN_POLL_INTERVAL_S = 0.1  # pause between two verified states meanwhile
+RUN_POLL_INTERVAL_S = 0.1  # pause between two verified states of the running motor
 
 
 def run_at_word(
@@ -74,7 +74,7 @@ def run_at_word(
         except (BusError, ProtocolError, TargetNotReached) as unread:  # the motor turns: the stop comes first
             began = Text.per_language(unread.text)
     stopped = yield from stop(op, StopMode.STOP)
-    op.age.checks_started_at = (yield from get_bus_conditions()).now  # of a further run
+    op.age.checks_started_at = (yield from get_bus_conditions()).now  # the checks of a further run begin here
     if measured is None or stopped.status is not OutcomeStatus.CONFIRMED:
         raise _failure(word, began, stopped)
     return measured

@@ -26,17 +26,17 @@ from drivebus.values import Text
 VERIFICATION_ROUNDS = 2  # a state is read this often, each time behind a sync probe of its own, and must agree
 EXTRA_VERIFICATION_ROUNDS = 3  # further rounds for a drive that changes its state between two reads
 CHECKS_TIMEOUT_S = 5.0  # limit from the request of a command to the end of its checks
-CHECKS_TIMEOUT_TRANSACTIONS = 40  # or this many transactions, where the bus is so slow (300 baud: 25 s)
-MAX_COMMAND_EXCHANGES = 64  # bound of the frames of commands and stops that an outcome carries
-MAX_READ_EXCHANGES = 24  # bound of its reads, the last ones: a repeated stop reads again and again
+CHECKS_TIMEOUT_TRANSACTIONS = 40  # the checks may take so many transactions where that is longer (300 baud: 25 s)
+MAX_COMMAND_EXCHANGES = 64  # most frames of commands and stops that an outcome holds
+MAX_READ_EXCHANGES = 24  # most reads that an outcome holds, the last ones: a repeated stop reads without end
 
 
 class CommandAge:
     """Age of a command and of its checks."""
 
     def __init__(self, requested_at: float | None, checks_started_at: float | None) -> None:
-        self.requested_at = requested_at  # None: unknown; the command is then as old as the end of its checks
-        self.checks_started_at = checks_started_at  # None: not yet
+        self.requested_at = requested_at  # None: the age of the command counts from the end of its checks
+        self.checks_started_at = checks_started_at  # None: the checks have not started
         self.fastest_transaction_s = inf  # shortest transaction so far: the speed of this bus
         self.longest_pause_s = 0.0  # longest time between two replies: no operation pauses by itself for so long
         self._last_reply_at: float | None = None
@@ -111,27 +111,27 @@ class OperationContext:
         self.drive, self.dialect = drive, drive.dialect
         self._sync_request = sync_request or drive.dialect.sync_request
         self.age = CommandAge(requested_at, checks_started_at)
-        self.stop_epoch = stop_epoch  # at the request, plus our own stops; None: at the creation of the command
+        self.stop_epoch = stop_epoch  # of the request, plus the stops sent here; None: of ``create_command``
         self.reading_pairs = ReadingPairs()
         self.derived: DerivedState = STATE_NOT_READ
         self.state_reports = StateReports()
-        self.stop_rejection: Rejection | None = None  # of the last stop that was sent
+        self.stop_rejection: Rejection | None = None  # by which the drive rejected the last stop that was sent
         self.withheld_stop: UnconfirmedModel | None = None  # why the last stop was not sent
         self.stop_awaits_model = False  # the read of the model, which goes before the first stop, has not ended yet
-        self.has_sent_preparation = False  # the unlock and the words before every start
-        self.waits_in_quarantine = True  # False: reads fail where a quarantine of 5 s would delay them
-        self.lost_replies = 0  # frames without a valid reply, also where the bus has sent them again and got one
+        self.has_sent_preparation = False  # the unlock and the words before every start were sent
+        self.waits_in_quarantine = True  # False: a read that a quarantine of 5 s would delay fails
+        self.lost_replies = 0  # frames without a valid reply; a retry by the bus counts as a frame of its own
         self.stops_sent = 0  # stops that were given to the port
-        self.port_error: PortLost | None = None  # of the last transaction, where it failed because of the port
-        self.port_loss: PortLost | None = None  # of any transaction: it supersedes a command as a stop does
-        self.confirmed_setpoint: tuple[int, float] | None = None  # word and Hz of the last that was read back
+        self.port_error: PortLost | None = None  # by which the last transaction failed, if by the port
+        self.port_loss: PortLost | None = None  # the latest of all transactions: it supersedes a command as a stop does
+        self.confirmed_setpoint: tuple[int, float] | None = None  # word and Hz of the last setpoint that was read back
         self.limits_checked = False  # frequency and direction are within the limits of drive and user
-        self.overspeed_hz: float | None = None  # after a start from standstill: no output frequency may be above
+        self.overspeed_hz: float | None = None  # after a start from standstill: above it the drive is stopped
         self.motion_seen = False  # at least one reading showed that the drive turns, and no stop was confirmed since
         self.run_seen = False  # at least one reading showed that the motor follows its set frequency
-        self.changes_run = False  # the drive may turn: every acting frame makes its run one of this command
-        self.may_be_running = False  # a frame that moves may have been sent and not been rejected, and no stop since
-        self.last_motion_result: BusResult | None = None  # of the last frame that moves
+        self.changes_run = False  # every frame with a permit counts as a motion of this command: the drive may turn
+        self.may_be_running = False  # a frame that moves may have been executed, and no stop was confirmed since
+        self.last_motion_result: BusResult | None = None  # result of the last frame that may move the motor
         self.last_deceleration_at: float | None = None  # time of the last reading below all readings before it
         self._lowest_hz: float | None = None
         self._exchanges = ExchangeLog()

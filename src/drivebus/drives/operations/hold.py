@@ -22,7 +22,7 @@ from drivebus.errors import Expired, LimitError, StartInhibited
 from drivebus.values import Text
 
 MAX_RAMP_HOLD_S = 10.0  # longest time for which one command keeps the frequency where it is
-MAX_END_DELAY_S = 2.0  # a hold that ends so much later is named with its time: this computer was held up
+MAX_END_DELAY_S = 2.0  # a hold that lasted so much longer, because this computer was held up, is reported
 RAMP_HOLD_POLL_INTERVAL_S = 0.2  # pause between two verified states while the ramp is held
 
 

@@ -76,7 +76,7 @@ def _take_step(op: OperationContext, step: StartStep) -> DriveOperation[None]:
         op.create_command(CommandKind.START, conditions), op.dialect.preparation_frame(step.word)
     )
     _check_accepted(op, result, _hex(step.word))
-    command = op.create_command(CommandKind.START, conditions)  # after the word: it may be a stop, which is counted
+    command = op.create_command(CommandKind.START, conditions)  # after the word, which may count as a stop
     yield from _wait_for_status(op, step, command)
 
 

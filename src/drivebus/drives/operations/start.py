@@ -41,17 +41,17 @@ from drivebus.values import Quality, Text
 
 SPEED_POLL_INTERVAL_S = 0.1  # pause between two verified states while the drive accelerates
 RAMP_FACTOR = 1.5  # a ramp may take 1.5 times its set time
-RAMP_SLACK_S = 2.0  # and this much longer, which counts for short ramps
-DEFAULT_RAMP_TIMEOUT_S = 60.0  # where the model does not report its ramp
-SPEED_TOLERANCE = 0.005  # of the set frequency, but never less than two steps of what the drive reports
+RAMP_SLACK_S = 2.0  # added to that, for short ramps
+DEFAULT_RAMP_TIMEOUT_S = 60.0  # of a model that does not report its ramp
+AT_SPEED_TOLERANCE = 0.005  # share of the set frequency; at least two steps of the reported one
 COMMAND_SETTLE_S = 0.15  # pause before the first read: right after a start a C320 may still report "stopped" (2.4.6)
 START_CONFIRM_TIMEOUT_S = 3.0  # a drive that still stands after this did not execute the start
-OVERSPEED_SHARE = 0.2  # of the set frequency, above it: slip compensation and overshoot stay below 10 %
-OVERSPEED_HZ = 3.0  # least distance above the set frequency, at low ones
-SPEED_UNKNOWN_NOTES = ("drives.setpoint_not_shown", "drives.start_interrupted")  # void once the speed is confirmed
+OVERSPEED_SHARE = 0.2  # excess over the set frequency; slip compensation and overshoot stay below 10 %
+OVERSPEED_HZ = 3.0  # least excess, which counts at low frequencies
+SPEED_UNKNOWN_NOTES = ("drives.setpoint_not_shown", "drives.start_interrupted")  # left out once the speed is confirmed
 WITHHELD_ERRORS = (StartInhibited, Expired, Superseded)  # errors of a frame that was not sent
 _SPEEDING_STATES = (DriveState.RUNNING, DriveState.ACCELERATING)
-MAX_RESENDS = 2  # of an unanswered command, while it has not expired
+MAX_RESENDS = 2  # an unanswered start or reset is resent so often, while it has not expired
 
 
 def run(
@@ -202,7 +202,7 @@ def _start_from_standstill(
     yield from prepare_start(op)
     conditions = yield from op.check_deadline()
     start = _create_start(op, kind, direction, conditions)
-    yield from op.request_permit(start, op.dialect.start(direction, word)[0])  # otherwise no frequency is written
+    yield from op.request_permit(start, op.dialect.start(direction, word)[0])  # no permit, no frequency
     setpoint = op.create_command(CommandKind.SETPOINT, conditions)
     outcome = yield from write_setpoint(op, setpoint, word, frequency_hz)
     if outcome.status is OutcomeStatus.REFUSED:
@@ -217,7 +217,7 @@ def _start_from_standstill(
         if (lost := lost_setpoint_outcome(op)) is not None:
             return _not_started_outcome(lost)
         return (yield from _send_start(op, frequency_hz, direction, word, kind))
-    except (StartInhibited, PreflightError, Expired) as withheld:  # the frequency was sent, the start not
+    except (StartInhibited, PreflightError, Expired) as withheld:  # after the frequency was sent
         return op.outcome(OutcomeStatus.FAILED, "drives.not_started", why=withheld)
 
 
@@ -348,7 +348,7 @@ def _check_setpoint(
     """Check the frequency of a confirmed start, where the drive shows it.
 
     A drive that shows only its output frequency (C320) has not reached it yet: ``wait_at_speed`` confirms it. Where
-    replies were missing since the start, a note says that it may have been without power, and run by itself at another.
+    replies were missing since the start, a note says that a power failure may have changed the frequency.
     """
     if not op.dialect.setpoint_reads() and op.dialect.can_confirm_speed():
         return with_note(outcome, "drives.start_interrupted") if has_lost else outcome
@@ -374,7 +374,7 @@ def _with_unread_preconditions(op: OperationContext, outcome: Outcome) -> Outcom
 def speed_tolerance_hz(op: OperationContext, frequency_hz: float) -> float:
     """Return the tolerance of "at the set frequency"."""
     step = op.dialect.profile.signals["output_frequency"].scale.factor
-    return max(2.0 * step, SPEED_TOLERANCE * frequency_hz)
+    return max(2.0 * step, AT_SPEED_TOLERANCE * frequency_hz)
 
 
 def ramp_timeout_s(acceleration_s: float | None, timeout_s: float | None) -> float:

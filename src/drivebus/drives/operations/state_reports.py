@@ -1,4 +1,4 @@
-"""Reports of a drive's state during one operation: evidence of what a stop that is not confirmed has shown."""
+"""Reports of a drive's state during one operation: what the sentence of an unconfirmed stop is made of."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ class BusConditions:
     damage_rate: float = 0.0  # share of damaged replies of the last 5 minutes, 0 to 1; a missing reply is not damaged
     reads_wait_until: float = 0.0  # monotonic seconds: the bus sends no read before, for a late reply may be due
     damaged: int = 0  # number of damaged replies of the last 5 minutes
-    contact_losses: int = 0  # see Bus.contact_losses
+    contact_losses: int = 0  # see ``Bus.contact_losses``
     answers: bool = True  # the station has answered its last request, or a sync probe since
 
 

@@ -22,10 +22,10 @@ from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.values import Text
 
 STOP_PROGRESS_TIMEOUT_S = 2.0  # a stop without progress for this long is reported as unconfirmed
-STOP_PROGRESS_TIMEOUT_TRANSACTIONS = 16  # or for two verified states and two stops, on a slow bus (300 baud: 10 s)
-MAX_CONCURRENT_STOPS = 64  # so many stops of one drive at once add the time of their frames, which go before any read
+STOP_PROGRESS_TIMEOUT_TRANSACTIONS = 16  # two verified states and two stops: longer on a slow bus (300 baud: 10 s)
+MAX_CONCURRENT_STOPS = 64  # of one drive that prolong its deadline: the frames of all go before any read
 MAX_DECELERATION_S = 120.0  # longest deceleration that counts as progress, unless the drive's own ramp is longer
-STOP_RESEND_INTERVAL_S = 0.5  # a decelerating drive gets the stop again: harmless, and bounds the cost of a lost one
+STOP_RESEND_INTERVAL_S = 0.5  # a decelerating drive gets the stop again, in case the first was lost
 STOP_POLL_INTERVAL_S = 0.05  # pause between two verified states
 UNVERIFIABLE_STOP_SENDS = 3  # repetitions for a drive that reports no run status (DF800)
 

@@ -24,7 +24,7 @@ from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.types import Json
 from drivebus.values import Text
 
-REOPEN_INTERVAL_S = 2.0  # between attempts to open a bus
+OPEN_RETRY_INTERVAL_S = 2.0  # between attempts to open a bus that could not be opened
 MAX_BUFFERED_FRAMES = 500
 
 
@@ -119,7 +119,7 @@ class BusRuntime:
                 if self.problem is None:
                     self._on_problem("plant.bus_not_open", {"bus": self.title, "why": error})
                 self.problem = error
-                await asyncio.sleep(REOPEN_INTERVAL_S)
+                await asyncio.sleep(OPEN_RETRY_INTERVAL_S)
             else:
                 break
         self.problem, self.has_opened = None, True
