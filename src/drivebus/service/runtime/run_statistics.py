@@ -19,9 +19,7 @@ from drivebus.types import Json
 from drivebus.values import Quality
 
 DOCUMENT_KIND = "statistics"
-SAVE_INTERVAL_S = (
-    60.0  # of the hours and the energy, which a killed service loses at most; a start or trip is saved at once
-)
+SAVE_INTERVAL_S = 60.0  # hours and energy that a killed service loses at most; starts and trips are saved at once
 LOAD_RETRY_S = 10.0
 LOAD_TIMEOUT_S = 1.0  # a database that does not answer delays the start of the service by no more
 MAX_OBSERVATION_GAP_S = 5.0
