@@ -14,6 +14,7 @@ import pytest
 
 from drivebus.errors import InvalidParameters, NotFound
 from drivebus.service.api.operations.history import TimeRangeParams, TrendParams
+from drivebus.service.api.paging import encode_cursor
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import FLUSH_INTERVAL_S, Historian
 from drivebus.service.historian.postgres import PostgresConnection
@@ -214,9 +215,11 @@ async def test_unknown_and_invalid_values_are_refused(database: HistoryDatabase)
             await trend(historian, NOON_MS, NOON_MS + 1000, tag="fan-9.output_frequency")
         with pytest.raises(InvalidParameters):
             await trend(historian, NOON_MS, NOON_MS - 1)
-        for cursor in ("", "MQ==", "zzz", "LTEuMQ==", "MS4x\n"):
+        beyond = [encode_cursor(2**63, 0), encode_cursor(0, 2**70)]  # of a client: no database takes such a number
+        for cursor in ("", "MQ==", "zzz", "LTEuMQ==", "MS4x\n", *beyond):
             with pytest.raises(InvalidParameters):
                 await historian.queries.events(TimeRangeParams(cursor=cursor))
+        assert await historian.queries.events(TimeRangeParams(cursor=encode_cursor(2**63 - 1, 2**63 - 1)))
 
 
 async def test_a_trend_has_at_most_the_requested_points(database: HistoryDatabase) -> None:

@@ -9,6 +9,8 @@ from drivebus.errors import InvalidParameters
 from drivebus.service.api.errors import param_fault
 from drivebus.types import Json
 
+MAX_CURSOR_NUMBER = 2**63 - 1  # largest integer that a database takes
+
 
 def page(items: Iterable[tuple[int, Callable[[], Json]]], cursor: str | None, limit: int) -> Json:
     """Return ``{"items", "next"}``; ``items`` come newest (largest number) first. Raises InvalidParameters."""
@@ -39,7 +41,8 @@ def decode_cursor(text: str, count: int) -> list[int]:
     """Return the ``count`` numbers of a cursor. Raises InvalidParameters."""
     try:
         numbers = [int(part) for part in urlsafe_b64decode(text.encode()).decode().split(".")]
-        if len(numbers) == count and min(numbers) >= 0 and encode_cursor(*numbers) == text:
+        in_range = min(numbers) >= 0 and max(numbers) <= MAX_CURSOR_NUMBER
+        if len(numbers) == count and in_range and encode_cursor(*numbers) == text:
             return numbers
     except ValueError:
         pass
