@@ -93,6 +93,26 @@ def test_a_drive_that_stays_stopped_after_a_dip_is_an_event_once(dip_s: float) -
     run(go())
 
 
+def test_a_drive_that_runs_again_by_itself_after_a_standstill_is_an_event() -> None:
+    """It ran at 50 Hz without a word: the standstill had ended what the service knew of its own start."""
+
+    async def go() -> None:
+        async with running_service(plant_config()) as kit:
+            station = await running_drive(kit)
+            station.power_cycle(1.0)
+            await asyncio.sleep(12.0)
+            station.keypad_run(KEYPAD_HZ)
+            await asyncio.sleep(30.0)
+            sentence = localized("plant.started_by_itself")
+            assert [event["drive"] for event in kit.history.events if event["text"] == sentence] == [DRIVE]
+            await kit.call("drive.stop", drive=DRIVE)
+            await kit.call("drive.run", drive=DRIVE, frequency_hz=SET_HZ)
+            await asyncio.sleep(30.0)
+            assert len([event for event in kit.history.events if event["text"] == sentence]) == 1
+
+    run(go())
+
+
 def test_a_drive_that_is_set_to_other_frequencies_and_stopped_raises_neither() -> None:
     async def go() -> None:
         async with running_service(plant_config()) as kit:
@@ -104,5 +124,6 @@ def test_a_drive_that_is_set_to_other_frequencies_and_stopped_raises_neither() -
             await asyncio.sleep(30.0)
             assert kit.service.plant.drives[DRIVE].status().state is DriveState.STOPPED
             assert standstill_events(kit) == [] and speed_alarms(kit) == []
+            assert [event for event in kit.history.events if event["kind"] == "start"] == []
 
     run(go())

@@ -243,6 +243,8 @@ def test_a_start_during_which_an_earlier_stop_is_confirmed_counts_as_one_of_the_
             with nullcontext() if replies else pytest.raises(NoReply):
                 await kit.service.commands.run_motion(runtime, start())
             assert runtime.started_by_service
+            await asyncio.sleep(2)
+            assert [event for event in kit.history.events if event["kind"] == "start"] == [], "it was started here"
 
     run(scenario())
 

@@ -78,7 +78,7 @@ class StopPolicies:
         self.plant.raise_alarm(SystemAlarm.CONTROL_LOST, runtime.id, motion=bilingual_text(key), **params)
 
     def on_status(self, runtime: DriveRuntime, status: DriveStatus) -> None:
-        """Apply ``on_restart`` to a drive that is found running, and handle a standstill."""
+        """Apply ``on_restart`` to a drive found running, note a start from elsewhere, and handle a standstill."""
         state = status.state
         if state is DriveState.UNKNOWN:
             return
@@ -88,6 +88,10 @@ class StopPolicies:
             else:
                 runtime.adopted = True
                 self.plant.raise_alarm(SystemAlarm.RUNNING_AT_START, runtime.id)
+        is_starting = runtime.last_motion_at == inf  # a standstill may have been read before the start frame
+        explained = runtime.last_known_turning or runtime.runs_for_service or is_starting
+        if runtime.state_was_known and state.turning and not explained:
+            self.plant.publish_event("start", runtime.id, "plant.started_by_itself")
         runtime.state_was_known, runtime.last_known_turning = True, state.turning
         if state.output_off and status.at is not None and status.at > runtime.last_motion_at + STANDSTILL_CONFIRM_S:
             if not runtime.drive.stop_pending:
@@ -95,7 +99,6 @@ class StopPolicies:
             self._note_own_standstill(runtime, status)
             runtime.end_motion()  # a later start is not by the service
         has_control = self.plant.leases.get(runtime.id, self.plant.now()) is not None
-        is_starting = runtime.last_motion_at == inf  # standstill was read before the start frame
         if has_control or not (state.turning or is_starting):
             for kind in (SystemAlarm.RUNNING_AT_START, SystemAlarm.CONTROL_LOST):
                 self.plant.clear_alarm(kind, runtime.id)
