@@ -414,13 +414,13 @@ def test_every_question_has_its_texts_and_a_name_of_its_own() -> None:
 
 def test_a_draft_lacks_frames_a_station_and_a_second_source(tmp_path: Path) -> None:
     profile = written(tmp_path, {})
-    found = grades.lacks(profile)
+    found = grades.open_requirements(profile)
     assert [lack.kind for lack in found] == ["vectors", "station", "second_source", "assumed", "questions"]
-    assumed, questions = grades.lacks(profile)[3:]
+    assumed, questions = grades.open_requirements(profile)[3:]
     assert "timing" in assumed.params["names"] and "commands" not in assumed.params["names"]
     assert questions.params["count"] == len(profile.open_questions)
 
 
 def test_a_simulated_model_lacks_a_real_drive() -> None:
-    assert grades.lacks(profiles.load("vc660"))[0].kind == "hardware"
+    assert grades.open_requirements(profiles.load("vc660"))[0].kind == "hardware"
     assert grades.next_grade(profiles.load("vc660")) == "verified"

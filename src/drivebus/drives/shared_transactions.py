@@ -5,14 +5,13 @@ drive stands. So a frame that waits to be sent serves every stop that asks for t
 
 Why a shared frame makes no stop less certain:
 
-1. The first frame of a stop is its own (``OWN_FRAME``) and leaves as if the drive had no other stop. Only its later
-   steps come here, after that frame was sent and answered or has timed out.
-2. A step joins a frame of the same bytes, priority and policy only while that has not been sent (``Bus.is_queued``).
-   Its first bit therefore leaves after the step, as that of a frame of its own would. A frame on the wire is joined by
-   none: what the drive reports in its reply may be older than the stop.
-3. A stop gets every result in the order of its own steps and judges it by itself: two states that agree, each behind a
-   sync probe, all sent after its own frame. Nothing that another stop has concluded is taken over.
-4. A failed frame fails for each stop that shares it, as a frame of its own would have. Each goes on from there.
+1. The first frame of a stop is its own (``OWN_FRAME``). Only its later steps share frames, after that frame was
+   answered or has timed out.
+2. A step joins an equal request (same bytes, priority and retry policy) only while that waits to be sent
+   (``Bus.is_queued``): the reply to a frame on the wire may report a state from before the stop.
+3. Each stop judges the results by itself: two states that agree, each behind a sync probe, all sent after its own
+   frame. It takes over no conclusion of another stop.
+4. A frame that fails has failed for each stop that shares it.
 5. A stop that is cancelled takes no frame from the others; one that it has asked for is still sent.
 """
 

@@ -1,8 +1,7 @@
 """Interface of a port, which sends and receives bytes, and its capabilities.
 
-A port belongs to one event loop. Its life: ``open(receiver)`` → ``write`` and ``receiver.data_received`` → either
-``close()`` (silent) or one ``receiver.port_lost``. After both it may be opened again, and then finds its device by the
-identity that it remembers.
+A port belongs to one event loop. Once opened it sends and receives until ``close()``, or until it is lost and calls
+``receiver.port_lost`` once. It may be opened again, and then finds its device by the identity that it remembers.
 """
 
 from __future__ import annotations

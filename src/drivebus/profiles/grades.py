@@ -1,4 +1,4 @@
-"""Grades of profiles: what a profile lacks for its next one."""
+"""Grades of profiles: the requirements of the next grade that a profile does not meet yet."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ NEXT_GRADE = {"draft": "simulated", "simulated": "verified"}
 
 
 @dataclass(frozen=True, slots=True)
-class Lack:
-    """Condition of the next grade that is not shown by the profile itself. Its text is ``grades.<kind>``."""
+class GradeRequirement:
+    """Requirement of the next grade that a profile does not show to be met. Its text is ``grades.<kind>``."""
 
     kind: str
     params: dict[str, Any] = field(default_factory=dict)
@@ -29,20 +29,24 @@ def next_grade(profile: DriveProfile) -> str | None:
     return NEXT_GRADE.get(profile.grade)
 
 
-def lacks(profile: DriveProfile) -> list[Lack]:
-    """Return what the next grade asks for and the file alone can't show, and the facts that rest on assumptions."""
-    lacking: list[Lack] = []
+def open_requirements(profile: DriveProfile) -> list[GradeRequirement]:
+    """Return what the next grade requires and the file alone can't show, and the facts that rest on assumptions."""
+    found: list[GradeRequirement] = []
     assumed = [name for name, evidence in _facts(profile) if evidence.kind == "assumed"]
     if profile.grade == "draft":
-        lacking += [Lack("vectors", {"model": profile.model}), Lack("station"), Lack("second_source")]
+        found += [
+            GradeRequirement("vectors", {"model": profile.model}),
+            GradeRequirement("station"),
+            GradeRequirement("second_source"),
+        ]
     if profile.grade == "simulated":
-        lacking.append(Lack("hardware"))
+        found.append(GradeRequirement("hardware"))
     if assumed and profile.grade != "verified":
-        lacking.append(Lack("assumed", {"count": len(assumed), "names": tuple(assumed)}))
+        found.append(GradeRequirement("assumed", {"count": len(assumed), "names": tuple(assumed)}))
     questions = [question.name for question in profile.open_questions]
     if questions and profile.grade != "verified":
-        lacking.append(Lack("questions", {"count": len(questions), "names": tuple(questions)}))
-    return lacking
+        found.append(GradeRequirement("questions", {"count": len(questions), "names": tuple(questions)}))
+    return found
 
 
 def _facts(profile: DriveProfile) -> Iterator[tuple[str, Evidence]]:

@@ -13,7 +13,7 @@ def _check(file: str) -> None:
     from drivebus.profiles import grades
 
     profile = profiles.load(file)
-    lacks = [lack.text(output.language()) for lack in grades.lacks(profile)]
+    lacks = [requirement.text(output.language()) for requirement in grades.open_requirements(profile)]
     counts = {"signals": len(profile.signals), "parameters": len(profile.parameters), "faults": len(profile.faults)}
     higher = grades.next_grade(profile)
     output.print_json(

@@ -1,7 +1,7 @@
 """Login sessions: in memory, found by the hash of a 256-bit secret that only the browser has.
 
-They are also saved, because a crash of the web process must not demand a password before a stop. Only hashes are saved.
-Times are monotonic seconds, so that a saved session is valid only until the machine restarts.
+The hashes are also saved, because a crash of the web process must not demand a password before a stop. Times are
+monotonic seconds, so that a saved session is valid only until the machine restarts.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ The leader starts first; where it does not start, no follower does.
 from __future__ import annotations
 
 import asyncio
-from dataclasses import replace
-from math import ceil, floor
+from dataclasses import dataclass, replace
+from math import ceil, floor, inf
 
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import DriveState
@@ -48,6 +48,16 @@ RANGE_ERRORS = ("drives.above_maximum", "drives.below_minimum")
 ACCELERATING_STATES = (DriveState.ACCELERATING, DriveState.RESTARTING)
 DEFAULT_RAMP_S = 10.0
 """A drive that does not report its state counts as accelerating for its ramp time, or this long where unknown."""
+
+
+@dataclass(frozen=True, slots=True)
+class _GroupStart:
+    """Start of a group that is under way; its leader is the first drive."""
+
+    group: GroupConfig
+    runtimes: list[DriveRuntime]
+    params: GroupStartParams
+    actor: Actor
 
 
 class GroupCommands:
@@ -94,10 +104,11 @@ class GroupCommands:
         _check_followers_online(group, runtimes)
         self.plant.arm_tokens.consume(params.arm_token, f"group:{group.id}", actor, self.plant.now())
         self.progress[group.id] = 0
+        start = _GroupStart(group, runtimes, params, actor)
         outcomes: Json = {}
         try:
             for runtime in runtimes:
-                outcomes[runtime.id] = await self._start_one(group, runtimes, runtime, ticket, params, actor)
+                outcomes[runtime.id] = await self._start_one(start, runtime, ticket)
                 if runtime.id == group.leader and not _is_done(outcomes[runtime.id]):
                     return {"outcomes": outcomes | _skipped(group, runtimes[1:])}
                 self.progress[group.id] += 1
@@ -106,27 +117,20 @@ class GroupCommands:
             self.progress.pop(group.id, None)
         return {"outcomes": outcomes}
 
-    async def _start_one(
-        self,
-        group: GroupConfig,
-        runtimes: list[DriveRuntime],
-        runtime: DriveRuntime,
-        ticket: CommandTicket,
-        params: GroupStartParams,
-        actor: Actor,
-    ) -> Json:
+    async def _start_one(self, start: _GroupStart, runtime: DriveRuntime, ticket: CommandTicket) -> Json:
         """Start one drive when it is its turn, unless a drive of the group was stopped meanwhile."""
+        params, actor = start.params, start.actor
         try:
-            requested_at = await self._wait_for_slot(group, runtimes, runtime, ticket)
-            self._check_not_superseded(group, ticket)
+            requested_at = await self._wait_for_slot(start, runtime, ticket)
+            self._check_not_superseded(start.group, ticket)
             self._check_still_owner(runtime, actor)
             check_start(self.plant, runtime)
-            if any(other.id not in self.plant.drives for other in runtimes):
+            if any(other.id not in self.plant.drives for other in start.runtimes):
                 raise Superseded("plant.another_meanwhile", drive=runtime.id)
-            frequency_hz = follower_hz(group, runtime.id, params.frequency_hz)
+            frequency_hz = follower_hz(start.group, runtime.id, params.frequency_hz)
             started = await self.commands.start_drive(runtime, frequency_hz, params.direction, actor, requested_at)
         except DrivebusError as error:
-            if runtime is runtimes[0] and _is_expired(error):
+            if runtime is start.runtimes[0] and _is_expired(error):
                 raise  # the command has expired for every drive
             return error_to_json(error)
         runtime.group_started_at = self.plant.now()
@@ -145,13 +149,11 @@ class GroupCommands:
         if lease is None or lease.actor.session != actor.session:
             raise ControlNotHeld("plant.lease_gone", drive=runtime.id)
 
-    async def _wait_for_slot(
-        self, group: GroupConfig, runtimes: list[DriveRuntime], runtime: DriveRuntime, ticket: CommandTicket
-    ) -> float:
+    async def _wait_for_slot(self, start: _GroupStart, runtime: DriveRuntime, ticket: CommandTicket) -> float:
         """Wait for the drive's turn; return the time from which its start deadline runs. Raises Superseded."""
         requested_at = ticket.issued_at
-        while not self._slot_free(group, runtimes, runtime):
-            self._poll_accelerating(runtimes)
+        while not self._is_slot_free(start, runtime):
+            self._poll_accelerating(start.runtimes)
             await asyncio.sleep(SLOT_POLL_INTERVAL_S)
             requested_at = self.plant.now()
             check_not_superseded(self.plant, ticket)
@@ -163,18 +165,13 @@ class GroupCommands:
             if runtime.monitor is not None and self._is_accelerating(runtime, self.plant.now()):
                 runtime.monitor.poll_state()
 
-    def _slot_free(self, group: GroupConfig, runtimes: list[DriveRuntime], runtime: DriveRuntime) -> bool:
-        now = self.plant.now()
-        last = max(
-            (
-                other.group_started_at
-                for other in runtimes
-                if other.group_started_at is not None and other.started_by_service
-            ),
-            default=None,
-        )
-        busy = sum(1 for other in runtimes if other is not runtime and self._is_accelerating(other, now))
-        return (last is None or now - last >= group.start_interval_s) and busy < group.max_concurrent_starts
+    def _is_slot_free(self, start: _GroupStart, runtime: DriveRuntime) -> bool:
+        """Return whether the next drive may start: the last start is long enough ago, and few enough accelerate."""
+        now, group = self.plant.now(), start.group
+        starts = [other.group_started_at for other in start.runtimes if other.started_by_service]
+        last = max((at for at in starts if at is not None), default=-inf)
+        busy = sum(1 for other in start.runtimes if other is not runtime and self._is_accelerating(other, now))
+        return now - last >= group.start_interval_s and busy < group.max_concurrent_starts
 
     def _is_accelerating(self, runtime: DriveRuntime, now: float) -> bool:
         if runtime.group_started_at is None or not runtime.started_by_service:
