@@ -1,4 +1,4 @@
-"""Story that every drive plays: status, readings, run both ways, change of speed, trip, reset, stop, lost line.
+"""Story that every drive plays: status, readings, run both ways, change of speed, trip, reset, stop, lost contact.
 
 Each step compares what drivebus reports with what the motor of the station does. On a line that loses or
 delays frames a step is repeated as a user would.

@@ -1,4 +1,4 @@
-"""``story``: every model plays the same story on four lines; what drivebus reports is what the station's motor does.
+"""``story``: every model plays one story at four line qualities; drivebus reports what the station's motor does.
 
 A model that was written from its source meets that station, one with a simulated drive of its own meets this, any other
 a station that is made from its profile and proves only that the profile is whole.
