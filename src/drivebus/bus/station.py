@@ -34,7 +34,7 @@ DUPLICATE_REPLIES_REQUIRED = 2  # two drives at one address send a second reply 
 DUPLICATE_WINDOW_S = 600.0  # a second reply is forgotten after ten minutes
 MAX_DUPLICATE_WAIT_S = 0.25  # a quarter of the time that a frame waits for silence
 MAX_UNANSWERED_S = 10.0  # a drive that has not answered for longer may have been switched off and set or exchanged
-MAX_UNREQUESTED_S = 120.0  # so may one that was sent nothing for longer; on a slow bus polls are up to 60 s apart
+MAX_UNREQUESTED_S = 120.0  # a drive that was sent nothing for longer, too; polls of a slow bus are up to 60 s apart
 PROBE_BUS_SHARE = 0.1  # share of the bus time that sync probes to all offline stations together may use
 ENCODE_CACHE_SIZE = 512  # encoded reads cached for each station: a bus repeats the same requests
 

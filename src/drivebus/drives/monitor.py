@@ -20,8 +20,8 @@ from drivebus.values import Quality, Reading
 
 FAULT_POLL_PERIOD_S = 1.0
 MIN_READING_VALIDITY_S = 1.0
-WORD_PREFIXES = ("state", "fault")  # of the names of status and fault words
-_REASONS_WITHOUT_REPLY = ("drives.not_read", "drives.stale")  # replaced where the drive sends something unusable
+WORD_PREFIXES = ("state", "fault")  # the names of status and fault words begin so
+_REASONS_WITHOUT_REPLY = ("drives.not_read", "drives.stale")  # an unusable reply is the better reason
 READING_VALIDITY_PERIODS = 3.0  # a reading is valid for max(3 periods, 1 s) and one timeout
 
 

@@ -36,7 +36,7 @@ class FrameExchange:
     sent_at: float | None
     received_at: float | None
     error: str | None = None  # i18n key
-    params: Mapping[str, Any] = field(default_factory=dict)  # of the error
+    params: Mapping[str, Any] = field(default_factory=dict)  # parameters of the error's sentence
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -30,7 +30,7 @@ PARITY = {"N": 1, "O": 2, "E": 3}
 NO_FLOW_CONTROL = 1
 PURGE_BOTH = 3
 BAD_BYTE_MASK = 0x1E  # line state: overrun 2, parity error 4, framing error 8, break 16; each damages a byte
-MAX_SUBNEGOTIATION_BYTES = 256  # a server's signature is the longest known; the rest is dropped
+MAX_SUBNEGOTIATION_BYTES = 256  # bytes beyond it are dropped; the longest known, a signature, is shorter
 SUPPORTED_OPTIONS = frozenset({BINARY, SUPPRESS_GO_AHEAD, COM_PORT})  # in both directions; all others are declined
 
 SETTING_NAMES = {SET_BAUDRATE: "baud", SET_DATASIZE: "data bits", SET_PARITY: "parity", SET_STOPSIZE: "stop bits"}
@@ -44,7 +44,7 @@ class TelnetInput:
     line_errors: int = 0
     """Bad bytes that the server reports; it does not report which."""
     reply: bytes = b""
-    """To be sent back at once."""
+    """Bytes to send back at once."""
 
 
 def subnegotiation(command: int, value: bytes) -> bytes:

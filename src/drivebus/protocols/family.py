@@ -42,7 +42,7 @@ class NotationStyle:
     """The way a manual writes parameter and signal addresses."""
 
     examples: tuple[str, ...]
-    """For error texts."""
+    """Addresses that error texts show."""
     parse: Callable[[str, int, Mapping[str, int]], Locator | None]
     """(upper-case text, highest index, group sizes) to locator; None for text of another form.
 

@@ -87,7 +87,7 @@ class WireEvent(NamedTuple):
     last: int
     """Characters first…last-1 are received now."""
     decision_delay_s: float = 0.0
-    """Of a station's event: the delay from the last bit after which it is due."""
+    """Delay from the last bit after which the event of a station is due."""
 
 
 class Wire:

@@ -11,7 +11,7 @@ from drivebus.errors import DrivebusError
 from drivebus.service.auth.actor import Actor
 from drivebus.types import Json
 
-SUMMARY_PERIOD_S = 30.0  # repetitions are recorded together at its end
+SUMMARY_PERIOD_S = 30.0  # the repetitions of a period are recorded together
 MAX_KINDS_PER_PERIOD = 16  # further kinds are counted together: at most 25 MB of audit trail a day
 _RECORD_TIMEOUT_S = 2.0  # a response never waits longer for the audit trail
 ANONYMOUS = Actor("", frozenset(), "", remote=True, address="")

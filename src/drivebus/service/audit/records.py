@@ -49,11 +49,11 @@ class AuditEntry:
     """The drive, group, bus, user or alarm."""
     params: Mapping[str, Any] = field(default_factory=dict)
     frames: Sequence[Any] = ()
-    """In the form of ``service.api.errors.exchange_json``."""
+    """Frames in the form of ``service.api.errors.exchange_json``."""
     outcome: str | None = None
     """``requested`` before the first frame; afterwards the outcome's status or an error's key."""
     of: int | None = None
-    """In the entry of an outcome: number of the record of its request."""
+    """Number of the record of the request whose outcome this is."""
 
     @classmethod
     def by(cls, actor: Actor, what: str, **more: Any) -> AuditEntry:

@@ -37,7 +37,7 @@ class Gateway:
     """Declaration of one gateway."""
 
     name: str
-    """Of its entry point and of its table, ``[gateway.<name>]``."""
+    """Name of its entry point and of its table, ``[gateway.<name>]``."""
     module: str
     """Module that its process runs (``python -m``); it calls ``drivebus.gateways.process.run_gateway``."""
     table: type[GatewayTable]

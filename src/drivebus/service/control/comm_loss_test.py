@@ -37,12 +37,12 @@ from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
 
-CHECK_INTERVAL_S = 0.1  # how often the conditions of the test are checked
+CHECK_INTERVAL_S = 0.1  # between two checks of the conditions of the test
 TURNING_TIME_S = 3.0  # the motor turns this long before the silence, so that its user sees that it turns
-ACCELERATION_TIMEOUT_S = 60.0  # the drive runs steadily within this time
+ACCELERATION_TIMEOUT_S = 60.0  # a drive that does not run steadily by then ends the test
 OUTPUT_OFF_TIMEOUT_S = 5.0  # a drive whose output is off for this long after its start has stopped by itself
 LAST_POLLS_S = 0.5  # polls that were under way when polling ended are answered by then
-READ_TIMEOUT_S = 120.0  # an adapter that was pulled is plugged in again within this time
+READ_TIMEOUT_S = 120.0  # time to plug in again an adapter that was pulled for the test
 READ_RETRY_INTERVAL_S = 0.5  # between two reads after the silence
 
 

@@ -13,8 +13,8 @@ from drivebus.service.live.views import ControlRequestObject, ControlRequestStat
 from drivebus.service.runtime.utc_clock import UtcClock
 
 CONTROL_REQUEST_TTL_S = 60.0  # a request without an answer expires after this time
-CONTROL_REQUEST_INTERVAL_S = 30.0  # between two requests of one user for one drive
-MAX_OPEN_REQUESTS = 20  # of one user; those of a selection of drives are one
+CONTROL_REQUEST_INTERVAL_S = 30.0  # least time between two requests of one user for one drive
+MAX_OPEN_REQUESTS = 20  # open at a time for one user; those of a selection of drives count as one
 ENDED_REQUEST_TTL_S = 60.0  # an ended request stays readable for the session that made it
 
 

@@ -18,7 +18,7 @@ ENDED_SESSION_TTL_S = 10.0
 
 Not for ever, because a token may get the right to control again.
 """
-MAX_ARM_TOKENS = 100  # of one session, valid at a time; a further one replaces its oldest
+MAX_ARM_TOKENS = 100  # valid at a time for one session; a further one replaces the oldest
 
 
 def arm_target_of_test(drive: str) -> str:

@@ -102,7 +102,7 @@ class _Token:
     kind: str
     text: str
     column: int
-    """From 1."""
+    """Counted from 1."""
 
 
 @lru_cache(256)

@@ -27,7 +27,7 @@ from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.service.runtime.fairness import COMPACT_ENCODER, encode_json_cooperatively, yield_to_loop
 from drivebus.types import Json
 
-MAX_CONCURRENT_REQUESTS = 1000  # of one connection; stops do not count
+MAX_CONCURRENT_REQUESTS = 1000  # on one connection; stops do not count
 MAX_UNSENT_BYTES = 16 * 1024 * 1024
 """A client that leaves more unread is disconnected, because it hangs."""
 LOG = logging.getLogger("drivebus.service")

@@ -18,7 +18,7 @@ STATE_STREAM = "state"
 """The stream of every topic but frames."""
 FRAMES_PREFIX = "frames/"
 """Prefix of the streams of frames, one for each bus: frames are decoded only for a subscriber."""
-MAX_LIST_ITEMS = 500  # of a list (events, frames) kept for the next snapshot, also by the cache of a gateway
+MAX_LIST_ITEMS = 500  # newest items of a list (events, frames) in a snapshot, also of a gateway's cache
 HEARTBEAT_S = 1.0  # a stream without changes sends an empty update this often
 
 ListItem = Json | Callable[[], Json]

@@ -27,9 +27,9 @@ class _RecentView:
     """Monotonic time."""
     view: DriveView
     content: EncodedOnce | None = None
-    """Its JSON without the time, which the next view has too where nothing changed."""
+    """JSON of the view without its time, which the next view shares where nothing changed."""
     listed: EncodedOnce | None = None
-    """Its JSON."""
+    """JSON of the view."""
 
 
 class RecentDriveViews(PlantListener):

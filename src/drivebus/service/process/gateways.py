@@ -26,11 +26,11 @@ from drivebus.service.process.logging_setup import LogFormat
 from drivebus.service.process.module_command import module_command
 from drivebus.service.runtime.plant import GatewayStatus, Plant, PlantListener
 
-FIRST_RESTART_PAUSE_S = 0.5  # doubled with each further exit
+FIRST_RESTART_PAUSE_S = 0.5  # each further exit doubles the pause
 MAX_RESTART_PAUSE_S = 30.0
 STEADY_RUN_S = 60.0  # after a run of this length the next pause is the first one again
-TERMINATE_TIMEOUT_S = 2.0  # before it is killed
-CAN_NOT_START_EXIT_CODE = 127  # of a command that the system can't start, as a shell reports it
+TERMINATE_TIMEOUT_S = 2.0  # a gateway that has not ended by then is killed
+CAN_NOT_START_EXIT_CODE = 127  # what a shell reports for a command that the system can't start
 RELOAD_LINE = b"reload\n"
 LOG = logging.getLogger("drivebus.service")
 

@@ -7,7 +7,7 @@ import os
 from contextlib import suppress
 
 NICE_GATEWAY = 5  # steps of nice behind the service: a third of its share of a busy processor
-NICE_BATCH = 10  # a tenth of its share
+NICE_BATCH = 10  # steps of nice behind the service: a tenth of its share
 
 
 def set_nice(steps: int) -> None:

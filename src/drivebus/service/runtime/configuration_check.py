@@ -28,7 +28,7 @@ from drivebus.types import Json
 
 CHECK_TIMEOUT_S = 20.0  # a plant of 300 drives takes 1.5 s
 MAX_CHECKED_DRIVES = 1000
-MAX_CHECK_BYTES = 1 << 30  # of the address space of the process
+MAX_CHECK_BYTES = 1 << 30  # address space of the process of a check
 _DRIVE_TABLE = re.compile(r"^[ \t]*\[[ \t]*drive[ \t]*\.", re.MULTILINE)
 
 

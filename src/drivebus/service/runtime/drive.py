@@ -67,7 +67,7 @@ class DriveRuntime:
         """Its last stop request, until it is started again."""
         self.commanded_hz: float | None = None
         self.speed_difference = SpeedDifference()
-        """Between the speed that it reports and ``commanded_hz``."""
+        """Difference of the speed that it reports from ``commanded_hz``."""
         self.started_by_service = False
         """Started by this service and not reported at standstill since."""
         self.adopted = False

@@ -67,7 +67,7 @@ class GatewayStatus:
     """None: it is about to be started, or started again after a pause."""
     starts: int = 0
     exit_code: int | None = None
-    """Of its last process that ended by itself; negative: the signal that ended it."""
+    """Exit code of the last process that ended by itself; negative: the signal that ended it."""
 
     def as_json(self) -> Json:
         return {**asdict(self), "running": self.pid is not None}
@@ -135,7 +135,7 @@ class Plant:
     stop_statistics: StopStatistics = field(default_factory=StopStatistics)
     _listeners: list[PlantListener] = field(default_factory=list)
     _last_command_at: float = float("-inf")
-    """Of the commands that may have changed any drive."""
+    """Monotonic time of the last command that may have changed any drive."""
     _last_commands_at: dict[str, float] = field(default_factory=dict)
     """Drive → monotonic time of the last command that may have changed this drive."""
 

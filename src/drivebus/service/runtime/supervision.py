@@ -35,14 +35,14 @@ from drivebus.service.storage.storage import Storage
 from drivebus.types import Json
 
 CYCLE_S = 0.25
-STEPS_PER_TURN = 4  # drives without a pause: one or two milliseconds
+STEPS_PER_TURN = 4  # steps without a pause: one or two milliseconds
 BUS_VIEW_CYCLES = 4  # buses are published once a second
-DISK_CHECK_CYCLES = 40
-STORAGE_CHECK_CYCLES = 20  # files that are written in the background
+DISK_CHECK_CYCLES = 40  # free space and certificates are read every ten seconds
+STORAGE_CHECK_CYCLES = 20  # files written in the background are checked every five seconds
 Step = Callable[[], None]
 COMM_LOSS_READ_INTERVAL_S = 3600.0  # the behaviour at communication loss is read again; it costs bus time
-COMM_LOSS_RETRY_S = 60.0
-COMM_LOSS_REREAD_S = 2.0
+COMM_LOSS_RETRY_S = 60.0  # it was never read: the last read failed
+COMM_LOSS_REREAD_S = 2.0  # a parameter was written since
 LOG = logging.getLogger("drivebus.service")
 
 
