@@ -17,7 +17,7 @@ from drivebus.drives.operations.calibration import calibration_steps
 from drivebus.errors import ConfigurationError, LimitError, StartInhibited, TargetNotReached
 from drivebus.profiles.load import included_models
 from drivebus.profiles.model import DriveProfile
-from drivebus.profiles.schema import SetpointIn
+from drivebus.profiles.schema import SetpointTable
 from drivebus.testing.virtual_time import run
 from fixtures.profile_bench import Write, profile_bench
 
@@ -72,7 +72,7 @@ def test_a_profile_of_hundredths_is_capped_under_tenths_too(tmp_path: Path) -> N
 
 def test_a_setpoint_without_any_evidence_counts_as_assumed() -> None:
     """Evidence that is left out was no cap."""
-    assert SetpointIn(factor=0.1).is_assumed
+    assert SetpointTable(factor=0.1).is_assumed
 
 
 def test_the_models_whose_step_no_source_gives_are_these_and_no_other() -> None:

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from drivebus import profiles
 from drivebus.profiles import check, diagnostics
 from drivebus.profiles.build import build_profile
-from drivebus.profiles.schema import ProfileIn
+from drivebus.profiles.schema import ProfileFile
 
 Path_ = tuple[str, ...]
 GARBAGE = ["x", "", "１", -1, 0, 1.5, 10**9, True, float("nan"), float("inf"), [], ["x"], {}, {"en": 1}]
@@ -33,9 +33,9 @@ def keys(table: dict[str, Any], above: Path_ = ()) -> Iterator[Path_]:
 def judged(data: dict[str, Any]) -> str:
     """``accepted``, or the kinds of its faults; every sentence is made on the way."""
     try:
-        given = ProfileIn.model_validate(data)
+        given = ProfileFile.model_validate(data)
     except ValidationError as error:
-        found = diagnostics.issues_from_pydantic(error, ProfileIn)
+        found = diagnostics.issues_from_pydantic(error, ProfileFile)
     else:
         found = list(check.check_profile(given))
         if not found:

@@ -11,25 +11,25 @@ from drivebus.profiles.check import resolve_locator
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.profiles.evidence import parse_evidence
 from drivebus.profiles.schema import (
-    BitIn,
-    CommandsIn,
-    IdentityIn,
-    OptionIn,
-    ParameterIn,
-    ProfileIn,
-    ScaleIn,
-    SetpointIn,
-    SignalIn,
-    StatusIn,
-    ValueIn,
-    WordMatchIn,
+    BitTable,
+    CommandsTable,
+    IdentityTable,
+    OptionTable,
+    ParameterTable,
+    ProfileFile,
+    ScaleTable,
+    SetpointTable,
+    SignalTable,
+    StatusTable,
+    ValueTable,
+    WordMatchTable,
 )
 from drivebus.protocols.family import Locator, protocol_family
 from drivebus.serial_settings import StationTiming
 from drivebus.values import Scale, Text
 
 
-def build_profile(parsed: ProfileIn, source: str) -> m.DriveProfile:
+def build_profile(parsed: ProfileFile, source: str) -> m.DriveProfile:
     """Build the profile of a checked file; ``source`` is the path of the file."""
     parameters, unplaced = _build_parameters(parsed)
     return m.DriveProfile(
@@ -81,7 +81,7 @@ def build_profile(parsed: ProfileIn, source: str) -> m.DriveProfile:
     )
 
 
-def option_values(parsed: ProfileIn) -> dict[str, str | int | float | bool]:
+def option_values(parsed: ProfileFile) -> dict[str, str | int | float | bool]:
     """Return the value of every option."""
     shared: dict[str, str | int | float | bool] = {m.MAXIMUM_FREQUENCY: 0} if parsed.setpoint.full_scale else {}
     shared |= {m.POLE_PAIRS: 0} if parsed.setpoint.rpm else {}
@@ -89,22 +89,22 @@ def option_values(parsed: ProfileIn) -> dict[str, str | int | float | bool]:
     return shared | {name: option.value for name, option in parsed.options.items()}
 
 
-def _has_assumed_step(parsed: ProfileIn) -> bool:
+def _has_assumed_step(parsed: ProfileFile) -> bool:
     """Return whether nothing proves the step of the setpoint and no option of the file or its family asks for it."""
     asked = {m.SETPOINT_STEP} & parsed.options.keys() or protocol_family(parsed.family).scale_option
     return parsed.setpoint.is_assumed and not asked
 
 
-def _build_scale(parsed: ScaleIn) -> Scale:
+def _build_scale(parsed: ScaleTable) -> Scale:
     return Scale(parsed.factor, parsed.offset, parsed.coding, parsed.decimals, parsed.words)
 
 
-def _build_setpoint_scale(parsed: SetpointIn) -> Scale:
+def _build_setpoint_scale(parsed: SetpointTable) -> Scale:
     step_hz = parsed.highest_hz / parsed.full_scale if parsed.full_scale and parsed.highest_hz else parsed.factor
     return Scale(step_hz, 0.0, parsed.coding, parsed.decimals, parsed.words)
 
 
-def _build_setpoint_share(parsed: ProfileIn) -> m.SetpointShare | None:
+def _build_setpoint_share(parsed: ProfileFile) -> m.SetpointShare | None:
     setpoint = parsed.setpoint
     if setpoint.full_scale is None or setpoint.highest_hz is None:
         return None
@@ -113,12 +113,12 @@ def _build_setpoint_share(parsed: ProfileIn) -> m.SetpointShare | None:
     return m.SetpointShare(setpoint.full_scale, setpoint.maximum, setpoint.maximum_hz, lowest_hz, setpoint.highest_hz)
 
 
-def _build_serial(parsed: ProfileIn) -> m.SerialDefaults:
+def _build_serial(parsed: ProfileFile) -> m.SerialDefaults:
     serial = parsed.serial
     return m.SerialDefaults(serial.baud, serial.format, tuple(serial.bauds), tuple(serial.formats))
 
 
-def _build_signals(parsed: ProfileIn) -> dict[str, m.Signal]:
+def _build_signals(parsed: ProfileFile) -> dict[str, m.Signal]:
     """Build the signals whose address is known; others can't be polled."""
     placed = {}
     for name, signal in parsed.signals.items():
@@ -128,7 +128,7 @@ def _build_signals(parsed: ProfileIn) -> dict[str, m.Signal]:
     return placed
 
 
-def _build_signal(name: str, parsed: SignalIn, locator: Locator) -> m.Signal:
+def _build_signal(name: str, parsed: SignalTable, locator: Locator) -> m.Signal:
     return m.Signal(
         name=name,
         notation=parsed.notation,
@@ -144,7 +144,7 @@ def _build_signal(name: str, parsed: SignalIn, locator: Locator) -> m.Signal:
     )
 
 
-def _build_parameters(parsed: ProfileIn) -> tuple[dict[str, m.Parameter], dict[str, m.UnplacedParameter]]:
+def _build_parameters(parsed: ProfileFile) -> tuple[dict[str, m.Parameter], dict[str, m.UnplacedParameter]]:
     """Build the parameters with an address, and the reason for each that has none."""
     placed: dict[str, m.Parameter] = {}
     unplaced: dict[str, m.UnplacedParameter] = {}
@@ -160,7 +160,7 @@ def _build_parameters(parsed: ProfileIn) -> tuple[dict[str, m.Parameter], dict[s
     return placed, unplaced
 
 
-def _build_parameter(notation: str, parsed: ParameterIn, locator: Locator, maximum: float | None) -> m.Parameter:
+def _build_parameter(notation: str, parsed: ParameterTable, locator: Locator, maximum: float | None) -> m.Parameter:
     return m.Parameter(
         notation=notation,
         locator=locator,
@@ -181,11 +181,13 @@ def _build_parameter(notation: str, parsed: ParameterIn, locator: Locator, maxim
     )
 
 
-def _uncertain_reason(parsed: ValueIn) -> str | None:
+def _uncertain_reason(parsed: ValueTable) -> str | None:
     return None if parsed.scale_published else "profiles.scale_unpublished"
 
 
-def _build_preconditions(parsed: ProfileIn, unplaced: Mapping[str, m.UnplacedParameter]) -> tuple[m.Precondition, ...]:
+def _build_preconditions(
+    parsed: ProfileFile, unplaced: Mapping[str, m.UnplacedParameter]
+) -> tuple[m.Precondition, ...]:
     reasons = {notation: parameter.reason for notation, parameter in unplaced.items()}
     return tuple(
         m.Precondition(
@@ -207,7 +209,7 @@ def _build_fault(code: int, parsed: Any) -> m.FaultEntry:
     )
 
 
-def _build_modbus(parsed: ProfileIn) -> m.ModbusFeatures | None:
+def _build_modbus(parsed: ProfileFile) -> m.ModbusFeatures | None:
     modbus = parsed.modbus
     if modbus is None:
         return None
@@ -224,15 +226,15 @@ def _build_modbus(parsed: ProfileIn) -> m.ModbusFeatures | None:
     )
 
 
-def _build_bit(parsed: BitIn) -> m.CommandBit:
+def _build_bit(parsed: BitTable) -> m.CommandBit:
     return m.CommandBit(parsed.mask, parsed.value, parsed.pulse)
 
 
-def _build_match(parsed: WordMatchIn) -> m.WordMatch:
+def _build_match(parsed: WordMatchTable) -> m.WordMatch:
     return m.WordMatch(parsed.mask, parsed.value)
 
 
-def _build_commands(parsed: CommandsIn | None) -> m.CommandMap | None:
+def _build_commands(parsed: CommandsTable | None) -> m.CommandMap | None:
     if parsed is None:
         return None
     variants = {
@@ -265,7 +267,7 @@ def _build_commands(parsed: CommandsIn | None) -> m.CommandMap | None:
     )
 
 
-def _build_status(parsed: StatusIn | None) -> m.StatusMap | None:
+def _build_status(parsed: StatusTable | None) -> m.StatusMap | None:
     if parsed is None:
         return None
     return m.StatusMap(
@@ -282,17 +284,17 @@ def _build_status(parsed: StatusIn | None) -> m.StatusMap | None:
     )
 
 
-def _build_identity_codes(parsed: IdentityIn | None) -> m.IdentityCodes | None:
+def _build_identity_codes(parsed: IdentityTable | None) -> m.IdentityCodes | None:
     if parsed is None or parsed.code_register is None:
         return None
     return m.IdentityCodes(parsed.code_register, {int(code, 16): tuple(names) for code, names in parsed.codes.items()})
 
 
-def _build_span(parsed: OptionIn) -> tuple[int, int] | None:
+def _build_span(parsed: OptionTable) -> tuple[int, int] | None:
     return (parsed.span[0], parsed.span[1]) if parsed.span else None
 
 
-def _build_open_questions(parsed: ProfileIn) -> tuple[m.OpenQuestion, ...]:
+def _build_open_questions(parsed: ProfileFile) -> tuple[m.OpenQuestion, ...]:
     options = (
         m.OpenQuestion(
             name=name,
@@ -322,7 +324,7 @@ def _build_open_questions(parsed: ProfileIn) -> tuple[m.OpenQuestion, ...]:
     return (*options, *others, *_setpoint_questions(parsed))
 
 
-def _setpoint_questions(parsed: ProfileIn) -> list[m.OpenQuestion]:
+def _setpoint_questions(parsed: ProfileFile) -> list[m.OpenQuestion]:
     """Return the questions for what the meaning of a setpoint word depends on."""
     share, parts = _build_setpoint_share(parsed), ("text", "reason", "procedure")
     questions: list[m.OpenQuestion] = []
@@ -354,7 +356,7 @@ def _setpoint_question(name: str, span: tuple[int, int], text: Text, reason: Tex
     return m.OpenQuestion(name=name, value=0, choices=(0,), text=text, reason=reason, procedure=procedure, span=span)
 
 
-def _section_evidence(parsed: ProfileIn) -> dict[str, m.Evidence]:
+def _section_evidence(parsed: ProfileFile) -> dict[str, m.Evidence]:
     names = ("serial", "timing", "limits", "setpoint", "write", "comm_loss", "commands", "status", "modbus", "identity")
     sections = {name: getattr(parsed, name) for name in names}
     return {name: parse_evidence(section.evidence) for name, section in sections.items() if section is not None}

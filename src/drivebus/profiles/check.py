@@ -18,11 +18,11 @@ from drivebus.profiles.notation import parse_notation
 from drivebus.profiles.schema import (
     MAX_GAP_S,
     MAX_WAIT_S,
-    OptionIn,
-    ParameterIn,
-    ProfileIn,
-    SignalIn,
-    ValueIn,
+    OptionTable,
+    ParameterTable,
+    ProfileFile,
+    SignalTable,
+    ValueTable,
     is_assumed,
 )
 from drivebus.profiles.spaces import BIT_SPACES
@@ -53,7 +53,7 @@ REQUIRED_VALUES = _SAME_IN_BOTH | {
 BITS_OF_A_CHARACTER = 11  # with parity or two stop bits: the longest
 
 
-def check_profile(profile: ProfileIn) -> Iterator[Issue]:
+def check_profile(profile: ProfileFile) -> Iterator[Issue]:
     """Yield every issue; where the family has some, only those, because the other checks depend on it."""
     family_issues = list(_check_family(profile))
     if family_issues:
@@ -74,7 +74,7 @@ def check_profile(profile: ProfileIn) -> Iterator[Issue]:
     yield from _check_identity(profile)
 
 
-def _check_serial(profile: ProfileIn) -> Iterator[Issue]:
+def _check_serial(profile: ProfileFile) -> Iterator[Issue]:
     serial = profile.serial
     for index, text in enumerate([serial.format, *serial.formats]):
         path = ("serial", "format") if index == 0 else ("serial", "formats")
@@ -89,7 +89,7 @@ def _check_serial(profile: ProfileIn) -> Iterator[Issue]:
     yield from _check_waits(profile)
 
 
-def _check_waits(profile: ProfileIn) -> Iterator[Issue]:
+def _check_waits(profile: ProfileFile) -> Iterator[Issue]:
     """Check that no wait counted in characters is longer at the lowest baud rate than one in seconds may be."""
     timing, gap = profile.timing, protocol_family(profile.family).gap_characters
     if timing.gap_characters < gap:
@@ -104,7 +104,7 @@ def _check_waits(profile: ProfileIn) -> Iterator[Issue]:
         yield issue("range", path, timing.reply_delay_characters, related=related, bound=f"<= {most:.3g}")
 
 
-def _check_limits(profile: ProfileIn) -> Iterator[Issue]:
+def _check_limits(profile: ProfileFile) -> Iterator[Issue]:
     """Check that the limits are in order and that a setpoint word can express them; a share has limits of its own."""
     low, high = profile.limits.minimum_hz, profile.limits.maximum_hz
     if low >= high:
@@ -118,7 +118,7 @@ def _check_limits(profile: ProfileIn) -> Iterator[Issue]:
         yield issue("range", ("limits", "maximum_hz"), high, related=related, bound=bound)
 
 
-def _check_addresses(profile: ProfileIn) -> Iterator[Issue]:
+def _check_addresses(profile: ProfileFile) -> Iterator[Issue]:
     low, high = profile.addresses
     family = protocol_family(profile.family)
     lowest, highest = family.addresses
@@ -132,7 +132,7 @@ def _check_addresses(profile: ProfileIn) -> Iterator[Issue]:
         yield issue("choice", ("broadcast",), profile.broadcast, choices=choices)
 
 
-def _check_family(profile: ProfileIn) -> Iterator[Issue]:
+def _check_family(profile: ProfileFile) -> Iterator[Issue]:
     """Check that the family has the encodings and the notation."""
     family = protocol_family(profile.family)
     for encoding in profile.encodings:
@@ -143,7 +143,7 @@ def _check_family(profile: ProfileIn) -> Iterator[Issue]:
         yield issue("choice", ("notation", "style"), profile.notation.style, related=(("family",),), choices=choices)
 
 
-def _check_capabilities(profile: ProfileIn) -> Iterator[Issue]:
+def _check_capabilities(profile: ProfileFile) -> Iterator[Issue]:
     able = set(profile.capabilities)
     if "broadcast_stop" in able and profile.broadcast is None:
         yield issue("needs", ("capabilities",), "broadcast_stop", what="broadcast")
@@ -182,7 +182,7 @@ def _check_capabilities(profile: ProfileIn) -> Iterator[Issue]:
                 yield issue("needs", ("capabilities",), capability, what=f"{table} {name}")
 
 
-def _check_standstill(profile: ProfileIn) -> Iterator[Issue]:
+def _check_standstill(profile: ProfileFile) -> Iterator[Issue]:
     """Check that the signal of the standstill exists, and that ``status_alone`` has a source, which only it needs."""
     status = profile.status
     if status is None:
@@ -199,7 +199,7 @@ def _check_standstill(profile: ProfileIn) -> Iterator[Issue]:
         yield issue("no_effect_without", path, next(iter(source.values())), other='standstill = "status_alone"')
 
 
-def _check_modbus(profile: ProfileIn) -> Iterator[Issue]:
+def _check_modbus(profile: ProfileFile) -> Iterator[Issue]:
     """Check that the model can write a register, read one where it claims to, and answer a sync probe."""
     modbus = profile.modbus
     functions = modbus.functions if modbus else []
@@ -215,7 +215,7 @@ def _check_modbus(profile: ProfileIn) -> Iterator[Issue]:
         yield issue("sync_registers", ("modbus", "loopback"), "false", related=(("modbus",),))
 
 
-def _has_sync_registers(profile: ProfileIn) -> bool:
+def _has_sync_registers(profile: ProfileFile) -> bool:
     """Return whether two neighbouring registers, one of which is read anyway, can be read at once by a sync probe."""
     signals = {_locator_of(profile, signal.notation, signal) for signal in profile.signals.values()}
     readable = {
@@ -233,17 +233,17 @@ def _has_sync_registers(profile: ProfileIn) -> bool:
     return profile.modbus is not None and profile.modbus.max_read > 1 and any(pair & read_locators for pair in pairs)
 
 
-def _register_of(profile: ProfileIn, notation: str, entry: SignalIn | ParameterIn) -> int | None:
+def _register_of(profile: ProfileFile, notation: str, entry: SignalTable | ParameterTable) -> int | None:
     locator = _locator_of(profile, notation, entry)
     return locator[1] if locator else None
 
 
-def _locator_of(profile: ProfileIn, notation: str, entry: SignalIn | ParameterIn) -> Locator | None:
+def _locator_of(profile: ProfileFile, notation: str, entry: SignalTable | ParameterTable) -> Locator | None:
     locator = resolve_locator(profile, notation, entry)
     return locator if isinstance(locator, tuple) else None
 
 
-def _check_ranges(profile: ProfileIn) -> Iterator[Issue]:
+def _check_ranges(profile: ProfileFile) -> Iterator[Issue]:
     entries = [(("signals", n), s) for n, s in profile.signals.items()]
     entries += [(("parameters", n), p) for n, p in profile.parameters.items()]  # type: ignore[misc]
     for path, entry in entries:
@@ -263,13 +263,13 @@ def _check_ranges(profile: ProfileIn) -> Iterator[Issue]:
             yield issue("choice", ("parameters", notation, "caveat"), parameter.caveat, choices=known)
 
 
-def _check_fault_codes(profile: ProfileIn) -> Iterator[Issue]:
+def _check_fault_codes(profile: ProfileFile) -> Iterator[Issue]:
     for code in profile.faults:
         if not is_word(code):
             yield issue("number", ("faults", code), code)
 
 
-def _check_options(profile: ProfileIn) -> Iterator[Issue]:
+def _check_options(profile: ProfileFile) -> Iterator[Issue]:
     """Check that every value belongs to a described option and is one of its choices."""
     options = {name: option for name, option in profile.options.items() if _is_described(option)}
     for name, option in profile.options.items():
@@ -290,12 +290,12 @@ def _check_options(profile: ProfileIn) -> Iterator[Issue]:
                 )
 
 
-def _is_described(option: OptionIn) -> bool:
+def _is_described(option: OptionTable) -> bool:
     """Return whether a profile describes the option; otherwise the value is that of a misspelled name."""
     return None not in (option.text, option.reason, option.procedure)
 
 
-def _is_allowed(option: OptionIn) -> bool:
+def _is_allowed(option: OptionTable) -> bool:
     value = option.value
     if option.span and type(value) is int and option.span[0] <= value <= option.span[1]:
         return True
@@ -304,7 +304,7 @@ def _is_allowed(option: OptionIn) -> bool:
     return any(value == choice and type(value) is type(choice) for choice in option.choices)
 
 
-def check_addressing(profile: ProfileIn) -> Iterator[Issue]:
+def check_addressing(profile: ProfileFile) -> Iterator[Issue]:
     """Yield invalid notations and registers, entries that share an address, and references to absent entries."""
     wrong_groups = list(_check_group_sizes(profile))
     yield from wrong_groups
@@ -314,7 +314,7 @@ def check_addressing(profile: ProfileIn) -> Iterator[Issue]:
     yield from _check_registers(profile)
 
 
-def _check_registers(profile: ProfileIn) -> Iterator[Issue]:
+def _check_registers(profile: ProfileFile) -> Iterator[Issue]:
     """Check that command, setpoint and status registers differ and that the EEPROM bit is one bit."""
     bit = profile.write.eeprom_address_bit
     if bit is not None and bit.bit_count() != 1:
@@ -337,7 +337,7 @@ def _check_registers(profile: ProfileIn) -> Iterator[Issue]:
         yield issue("duplicate", ("status", "register"), f"{status[1]:04X}H", related=related, other="[commands]")
 
 
-def _check_identity(profile: ProfileIn) -> Iterator[Issue]:
+def _check_identity(profile: ProfileFile) -> Iterator[Issue]:
     """Check that the register of the identity is that of a signal: its polls then show the model."""
     registers = {_register_of(profile, signal.notation, signal) for signal in profile.signals.values()} - {None}
     if profile.identity is not None and profile.identity.register_ not in registers:
@@ -346,7 +346,7 @@ def _check_identity(profile: ProfileIn) -> Iterator[Issue]:
     yield from check_codes(profile)
 
 
-def _check_group_sizes(profile: ProfileIn) -> Iterator[Issue]:
+def _check_group_sizes(profile: ProfileFile) -> Iterator[Issue]:
     wrong = [name for name in profile.group_sizes if not re.fullmatch("F[0-9]{2}", name)]
     for name in wrong:
         yield issue("group", ("group_sizes", name), name)
@@ -355,7 +355,7 @@ def _check_group_sizes(profile: ProfileIn) -> Iterator[Issue]:
         yield issue("group_total", ("group_sizes",), total, most=profile.notation.highest + 1)
 
 
-def resolve_locator(profile: ProfileIn, notation: str, entry: ValueIn) -> Locator | Issue | ProfileError:
+def resolve_locator(profile: ProfileFile, notation: str, entry: ValueTable) -> Locator | Issue | ProfileError:
     """Return the locator; an issue for a wrong notation; the error ``profiles.unplaced`` where data is missing."""
     if entry.register_ is not None:
         return entry.space, entry.register_
@@ -369,14 +369,14 @@ def resolve_locator(profile: ProfileIn, notation: str, entry: ValueIn) -> Locato
         return error if error.key == "profiles.unplaced" else issue("beyond", (), notation, **error.params)
 
 
-def _check_locators(profile: ProfileIn) -> Iterator[Issue]:
+def _check_locators(profile: ProfileFile) -> Iterator[Issue]:
     """Yield wrong notations, addresses outside the space, and entries that share an address."""
     register_based = protocol_family(profile.family).register_based
     taken = _command_locators(profile)
     eeprom_bit = profile.write.eeprom_address_bit or 0
     eeprom_bit = eeprom_bit if eeprom_bit.bit_count() == 1 else 0  # otherwise reported by _check_registers
     mask = profile.write.ram_address_mask or 0
-    entries: list[tuple[tuple[str, str], str, SignalIn | ParameterIn]] = [
+    entries: list[tuple[tuple[str, str], str, SignalTable | ParameterTable]] = [
         *((("signals", name), signal.notation, signal) for name, signal in profile.signals.items()),
         *((("parameters", notation), notation, parameter) for notation, parameter in profile.parameters.items()),
     ]
@@ -393,9 +393,9 @@ def _check_locators(profile: ProfileIn) -> Iterator[Issue]:
             if space == "holding" and index & eeprom_bit:
                 yield issue("eeprom_bit", at, notation, bit=f"{eeprom_bit:04X}H")
             registers = {index}
-            if isinstance(entry, ParameterIn) and entry.readable and locator in block_registers(profile):
+            if isinstance(entry, ParameterTable) and entry.readable and locator in block_registers(profile):
                 yield issue("duplicate", at, notation, related=(("modbus", "blocks"),), other="[modbus] blocks")
-            is_written = space == "holding" and isinstance(entry, ParameterIn) and entry.writable
+            is_written = space == "holding" and isinstance(entry, ParameterTable) and entry.writable
             if is_written:
                 registers.add(index | eeprom_bit)
             if mask and is_written:
@@ -409,12 +409,12 @@ def _check_locators(profile: ProfileIn) -> Iterator[Issue]:
                 yield issue("duplicate", at, notation, related=related, other=other)
 
 
-def _command_locators(profile: ProfileIn) -> dict[Locator, str]:
+def _command_locators(profile: ProfileFile) -> dict[Locator, str]:
     """Return what commands and setpoints write: a parameter there would bypass the start permissives."""
     return {locator: name for locator, name, _ in command_places(profile)}
 
 
-def _check_references(profile: ProfileIn) -> Iterator[Issue]:
+def _check_references(profile: ProfileFile) -> Iterator[Issue]:
     named: set[tuple[tuple[str, ...], str]] = {(("preconditions", n), n) for n in profile.preconditions}
     named |= {(("roles", role), n) for role, n in profile.roles.items()}
     named |= {(("comm_loss", key), n) for key in ("time", "action") if (n := getattr(profile.comm_loss, key))}
@@ -425,7 +425,7 @@ def _check_references(profile: ProfileIn) -> Iterator[Issue]:
             yield issue("unlisted", path, notation, near=near)
 
 
-def _check_setpoint(profile: ProfileIn) -> Iterator[Issue]:
+def _check_setpoint(profile: ProfileFile) -> Iterator[Issue]:
     """Check that its scale has a source or can be calibrated, and that the maximum of a share is read or stated."""
     setpoint = profile.setpoint
     path = ("setpoint", "full_scale")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from drivebus.profiles.diagnostics import Issue, KeyPath, issue
-from drivebus.profiles.schema import CommandsIn, ModbusIn, ParameterIn, ProfileIn, SignalIn
+from drivebus.profiles.schema import CommandsTable, ModbusTable, ParameterTable, ProfileFile, SignalTable
 from drivebus.profiles.spaces import BIT_SPACES, READ_FUNCTIONS, SYNC_READ_COUNT
 from drivebus.protocols.family import Locator, protocol_family
 
@@ -15,7 +15,7 @@ READ_ONLY_SPACES = ("input", "discrete")
 WRITE_COIL, WRITE_COILS, WRITE_REGISTERS = 5, 15, 16
 
 
-def command_places(profile: ProfileIn) -> list[tuple[Locator, str, KeyPath]]:
+def command_places(profile: ProfileFile) -> list[tuple[Locator, str, KeyPath]]:
     """Return what commands, setpoints and resets write, with the name and the key path of each."""
     commands = profile.commands
     if commands is None:
@@ -39,15 +39,15 @@ def command_places(profile: ProfileIn) -> list[tuple[Locator, str, KeyPath]]:
     return [((kind, first + place), name, path) for kind, first, size, name, path in spans for place in range(size)]
 
 
-def block_registers(profile: ProfileIn) -> set[Locator]:
+def block_registers(profile: ProfileFile) -> set[Locator]:
     """Return the registers that the drive gives only with their whole block."""
     blocks = profile.modbus.blocks if profile.modbus else []
     return {("holding", register) for first, count in blocks for register in range(first, first + count)}
 
 
-def check_access(profile: ProfileIn) -> Iterator[Issue]:
+def check_access(profile: ProfileFile) -> Iterator[Issue]:
     """Yield the issues of reads and writes that the model has no function for, or that could be half done."""
-    entries: list[tuple[KeyPath, SignalIn | ParameterIn]] = [
+    entries: list[tuple[KeyPath, SignalTable | ParameterTable]] = [
         *((("signals", name), one) for name, one in profile.signals.items()),
         *((("parameters", name), one) for name, one in profile.parameters.items()),
     ]
@@ -73,7 +73,7 @@ def check_access(profile: ProfileIn) -> Iterator[Issue]:
     yield from _check_replies(profile)
 
 
-def _check_replies(profile: ProfileIn) -> Iterator[Issue]:
+def _check_replies(profile: ProfileFile) -> Iterator[Issue]:
     """Check that replies which deviate from the standard are those of RTU, and can't be mistaken for each other."""
     modbus = profile.modbus
     if modbus is None:
@@ -97,7 +97,7 @@ def _check_replies(profile: ProfileIn) -> Iterator[Issue]:
         yield issue("no_effect_beside", ("modbus", "rejected_read"), modbus.rejected_read, other=other)
 
 
-def _check_blocks(profile: ProfileIn) -> Iterator[Issue]:
+def _check_blocks(profile: ProfileFile) -> Iterator[Issue]:
     """Check that each block can be read at once, and that its reply does not look like that to a sync probe."""
     modbus = profile.modbus
     taken: dict[int, int] = {}
@@ -116,7 +116,7 @@ def _check_blocks(profile: ProfileIn) -> Iterator[Issue]:
         yield from _check_sync_block(modbus, modbus.sync_block)
 
 
-def _check_sync_block(modbus: ModbusIn, block: list[int]) -> Iterator[Issue]:
+def _check_sync_block(modbus: ModbusTable, block: list[int]) -> Iterator[Issue]:
     """Check that the sync probe is the read of a block by function 04."""
     at: KeyPath = ("modbus", "sync_block")
     if READ_FUNCTIONS["input"] not in modbus.functions:
@@ -128,7 +128,7 @@ def _check_sync_block(modbus: ModbusIn, block: list[int]) -> Iterator[Issue]:
         yield issue("no_effect_beside", at, block, other="loopback" if modbus.loopback else "rejected_read")
 
 
-def check_codes(profile: ProfileIn) -> Iterator[Issue]:
+def check_codes(profile: ProfileFile) -> Iterator[Issue]:
     """Check that the code of the identity has its models, and that its register is none that a command writes."""
     identity = profile.identity
     if identity is None:
@@ -142,7 +142,7 @@ def check_codes(profile: ProfileIn) -> Iterator[Issue]:
             yield issue("duplicate", ("identity", "code_register"), f"{place[1]:04X}H", other=name)
 
 
-def _readable_spaces(profile: ProfileIn) -> list[str]:
+def _readable_spaces(profile: ProfileFile) -> list[str]:
     functions = profile.modbus.functions if profile.modbus else []
     return [space for space, function in READ_FUNCTIONS.items() if function in functions]
 
@@ -153,7 +153,7 @@ def _needs_function(path: KeyPath, value: object, *functions: int) -> Issue:
     return issue("access", path, value, related=(("modbus", "functions"),), what=f"[modbus] functions {names}")
 
 
-def _check_entry(profile: ProfileIn, path: KeyPath, entry: SignalIn | ParameterIn) -> Iterator[Issue]:
+def _check_entry(profile: ProfileFile, path: KeyPath, entry: SignalTable | ParameterTable) -> Iterator[Issue]:
     if entry.space not in ("holding", *_readable_spaces(profile)):
         yield _needs_function((*path, "space"), entry.space)
     if entry.space in BIT_SPACES and (entry.words > 1 or entry.coding != "binary"):
@@ -161,7 +161,7 @@ def _check_entry(profile: ProfileIn, path: KeyPath, entry: SignalIn | ParameterI
         yield issue("no_effect_beside", (*path, name), getattr(entry, name), other=f'space = "{entry.space}"')
     if entry.words > 1 and entry.coding == "bcd":
         yield issue("choice", (*path, "coding"), "bcd", choices=("binary", "signed"))
-    is_written = isinstance(entry, ParameterIn) and entry.writable
+    is_written = isinstance(entry, ParameterTable) and entry.writable
     if is_written and entry.space in READ_ONLY_SPACES:
         yield issue("choice", (*path, "writable"), "true", related=((*path, "space"),), choices="false")
     functions = profile.modbus.functions if profile.modbus else []
@@ -171,7 +171,7 @@ def _check_entry(profile: ProfileIn, path: KeyPath, entry: SignalIn | ParameterI
         yield from _check_pair(profile, (*path, "words"), written=is_written)
 
 
-def _check_pair(profile: ProfileIn, path: KeyPath, *, written: bool) -> Iterator[Issue]:
+def _check_pair(profile: ProfileFile, path: KeyPath, *, written: bool) -> Iterator[Issue]:
     """Check a number in two registers: read in one frame that no sync probe looks like, written in one frame."""
     modbus = profile.modbus
     if modbus is None:
@@ -184,7 +184,7 @@ def _check_pair(profile: ProfileIn, path: KeyPath, *, written: bool) -> Iterator
         yield _needs_function(path, 2, WRITE_REGISTERS)
 
 
-def _check_commands(profile: ProfileIn, commands: CommandsIn) -> Iterator[Issue]:
+def _check_commands(profile: ProfileFile, commands: CommandsTable) -> Iterator[Issue]:
     functions = profile.modbus.functions if profile.modbus else []
     at = ("commands", "written_to")
     if commands.written_to == "coils" and WRITE_COILS not in functions:
@@ -213,7 +213,7 @@ def _check_commands(profile: ProfileIn, commands: CommandsIn) -> Iterator[Issue]
         yield issue("no_effect_beside", ("commands", "reset"), "reset", other="[commands.reset] register")
 
 
-def _highest_word(commands: CommandsIn) -> int:
+def _highest_word(commands: CommandsTable) -> int:
     if commands.written_to == "coils":
         return (1 << (commands.coil_count or 16)) - 1
     return SINGLE_COILS - 1 if commands.written_to == "coil" else (1 << 16 * commands.words) - 1

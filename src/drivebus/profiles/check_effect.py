@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 from drivebus.profiles.check_words import offered_states
 from drivebus.profiles.diagnostics import Issue, issue
-from drivebus.profiles.schema import ProfileIn, StrictTable
+from drivebus.profiles.schema import ProfileFile, StrictTable
 
 
-def check_effect(profile: ProfileIn) -> Iterator[Issue]:
+def check_effect(profile: ProfileFile) -> Iterator[Issue]:
     """Yield every setting that another one makes ineffective."""
     setpoint, commands, status = profile.setpoint, profile.commands, profile.status
     if setpoint.full_scale is not None:

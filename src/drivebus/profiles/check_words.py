@@ -8,10 +8,10 @@ from typing import Any
 
 from drivebus.profiles.diagnostics import Issue, KeyPath, issue
 from drivebus.profiles.model import MOTION_COMMANDS, STOP_COMMANDS
-from drivebus.profiles.schema import BitIn, CommandsIn, ProfileIn
+from drivebus.profiles.schema import BitTable, CommandsTable, ProfileFile
 from drivebus.values import Text
 
-BitPaths = dict[str, tuple[KeyPath, BitIn]]
+BitPaths = dict[str, tuple[KeyPath, BitTable]]
 """Command name to the key path of its bits, and the bits."""
 COMMANDS_WITH_OWN_BIT = ("start", "stop", "coast", "quick_stop", "reset", "jog_forward", "jog_reverse")
 """Commands that need a bit set: whether a frame is a stop, and so needs no permit, is read from its bits."""
@@ -19,7 +19,7 @@ STATES_WITHOUT_MOTION = ("stopped", "fault", "not_ready")
 """Names of status values that confirm a stop."""
 
 
-def check_words(profile: ProfileIn) -> Iterator[Issue]:
+def check_words(profile: ProfileFile) -> Iterator[Issue]:
     """Yield the issues of command and status words."""
     for section in ("commands", "status"):
         table = getattr(profile, section)
@@ -34,7 +34,7 @@ def check_words(profile: ProfileIn) -> Iterator[Issue]:
     yield from _check_status_values(profile)
 
 
-def offered_commands(commands: CommandsIn) -> tuple[str, set[str]]:
+def offered_commands(commands: CommandsTable) -> tuple[str, set[str]]:
     """Return the table of the commands and their names, those of an option too."""
     reset = {"reset"} if commands.reset else set()
     if commands.values:
@@ -43,7 +43,7 @@ def offered_commands(commands: CommandsIn) -> tuple[str, set[str]]:
     return "[commands.bits]", set(commands.bits).union(reset, *variants)
 
 
-def offered_states(profile: ProfileIn) -> tuple[str, set[str]]:
+def offered_states(profile: ProfileFile) -> tuple[str, set[str]]:
     """Return the table of the status word, and of "running" and "fault" those that the drive reports."""
     status = profile.status
     if status is None:
@@ -56,11 +56,11 @@ def offered_states(profile: ProfileIn) -> tuple[str, set[str]]:
     return ("[status.values]" if status.values else "[status.bits]"), names
 
 
-def _check_masks(profile: ProfileIn) -> Iterator[Issue]:
+def _check_masks(profile: ProfileFile) -> Iterator[Issue]:
     commands = profile.commands
     if commands is None:
         return
-    groups: list[tuple[tuple[str, ...], dict[Any, BitIn]]] = [(("commands", "bits"), dict(commands.bits))]
+    groups: list[tuple[tuple[str, ...], dict[Any, BitTable]]] = [(("commands", "bits"), dict(commands.bits))]
     for setting, choices in commands.variants.items():
         for value, bits in choices.items():
             groups.append((("commands", "variants", setting, value), dict(bits)))
@@ -73,7 +73,7 @@ def _check_masks(profile: ProfileIn) -> Iterator[Issue]:
         yield from _find_overlaps(path, bits)
 
 
-def _check_whole_words(profile: ProfileIn) -> Iterator[Issue]:
+def _check_whole_words(profile: ProfileFile) -> Iterator[Issue]:
     """Check whole words: the common bits with those of each option value on top."""
     commands = profile.commands
     if commands is None:
@@ -115,7 +115,7 @@ def _find_moving_stops(placed: BitPaths) -> Iterator[Issue]:
             yield issue("moving_stop", path, f"{bit.value:04X}H", related=(at,), stop=stop, move=move)
 
 
-def _find_overlaps(path: tuple[str, ...], bits: dict[Any, BitIn]) -> Iterator[Issue]:
+def _find_overlaps(path: tuple[str, ...], bits: dict[Any, BitTable]) -> Iterator[Issue]:
     """Yield overlaps: two pulses may share a mask only as values of one field, a pulse and a level never."""
     for (first, a), (second, b) in combinations(bits.items(), 2):
         if not a.mask & b.mask or not (a.pulse or b.pulse):
@@ -132,7 +132,7 @@ def _is_shared_stop(first: str, second: str) -> bool:
     return {first, second} == {"stop", "jog_stop"}
 
 
-def _check_status_bits(profile: ProfileIn) -> Iterator[Issue]:
+def _check_status_bits(profile: ProfileFile) -> Iterator[Issue]:
     if profile.status is None:
         return
     used_mask = profile.status.reserved_mask
@@ -148,7 +148,7 @@ def _check_status_bits(profile: ProfileIn) -> Iterator[Issue]:
         used_mask |= mask
 
 
-def _check_command_values(profile: ProfileIn) -> Iterator[Issue]:
+def _check_command_values(profile: ProfileFile) -> Iterator[Issue]:
     """Check that no word means two commands; several stops may share one."""
     values = profile.commands.values if profile.commands else {}
     for (first, a), (second, b) in combinations(values.items(), 2):
@@ -159,7 +159,7 @@ def _check_command_values(profile: ProfileIn) -> Iterator[Issue]:
             )
 
 
-def _check_preparation(profile: ProfileIn) -> Iterator[Issue]:
+def _check_preparation(profile: ProfileFile) -> Iterator[Issue]:
     """Check that no word before a start can start: it is sent without the permit of a start."""
     commands = profile.commands
     if commands is None or not (commands.preparation or commands.ready):
@@ -184,7 +184,7 @@ def _check_preparation(profile: ProfileIn) -> Iterator[Issue]:
             yield issue("outside_mask", ("commands", "preparation"), f"{match.value:04X}H", mask=f"{match.mask:04X}H")
 
 
-def _check_status_values(profile: ProfileIn) -> Iterator[Issue]:
+def _check_status_values(profile: ProfileFile) -> Iterator[Issue]:
     status = profile.status
     if status is None:
         return

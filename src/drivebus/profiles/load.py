@@ -34,7 +34,7 @@ from drivebus.profiles.diagnostics import (
     unreadable_issue,
 )
 from drivebus.profiles.model import DriveProfile
-from drivebus.profiles.schema import NEWEST_FORMAT, ProfileIn
+from drivebus.profiles.schema import NEWEST_FORMAT, ProfileFile
 from drivebus.profiles.toml_file import MAX_TOML_BYTES, TomlFault, decode_toml, format_issue, has_key, line_of
 from drivebus.protocols.family import protocol_families
 
@@ -101,9 +101,9 @@ def _load_profile(path: Path) -> DriveProfile:
     sources = _read_chain(path)
     merged = _merge_chain(sources)
     try:
-        profile_in = ProfileIn.model_validate(merged)
+        profile_in = ProfileFile.model_validate(merged)
     except ValidationError as error:
-        raise _located_error(sources, issues_from_pydantic(error, ProfileIn)) from None
+        raise _located_error(sources, issues_from_pydantic(error, ProfileFile)) from None
     issues = list(check_profile(profile_in))
     if issues:
         raise _located_error(sources, issues)

@@ -169,7 +169,7 @@ EvidenceLines = Annotated[dict[LanguageCode, Sentence], BeforeValidator(_table_o
 """Evidence by language, as ``LocalizedText``: each line begins with the same kind."""
 
 
-class ScaleIn(StrictTable):
+class ScaleTable(StrictTable):
     factor: Annotated[float, Field(gt=0, le=1e6)] = 1.0
     offset: float = 0.0
     coding: Literal["binary", "signed", "bcd"] = "binary"
@@ -178,7 +178,7 @@ class ScaleIn(StrictTable):
     """Registers of the number; of two, ``[modbus] word_order`` tells which is first."""
 
 
-class SetpointIn(StrictTable):
+class SetpointTable(StrictTable):
     """Scale of the setpoint. Narrow bounds catch a wrong factor, which could overspeed a motor.
 
     Either steps of ``factor`` Hz, or a share (``full_scale``) of the drive's maximum frequency, which is read from the
@@ -213,7 +213,7 @@ class SetpointIn(StrictTable):
         return is_assumed(self.evidence)
 
 
-class ValueIn(ScaleIn):
+class ValueTable(ScaleTable):
     text: LocalizedText
     register_: Annotated[Word | None, Field(alias="register")] = None
     """Register address, where the notation does not give it (register-based families)."""
@@ -227,12 +227,12 @@ class ValueIn(ScaleIn):
     evidence: EvidenceLines
 
 
-class SignalIn(ValueIn):
+class SignalTable(ValueTable):
     notation: Sentence
     period_s: Annotated[float, Field(gt=0, le=86400)] = 1.0
 
 
-class ParameterIn(ValueIn):
+class ParameterTable(ValueTable):
     writable: bool = True
     readable: bool = True
     maximum_option: Name | None = None
@@ -245,12 +245,12 @@ class ParameterIn(ValueIn):
     factory: float | None = None
 
 
-class PreconditionIn(StrictTable):
+class PreconditionTable(StrictTable):
     accepted: Annotated[list[Word], Field(min_length=1)]
     keypad: LocalizedText
 
 
-class FaultIn(StrictTable):
+class FaultTable(StrictTable):
     label: str = ""
     text: LocalizedText
     cause: LocalizedText | None = None
@@ -258,12 +258,12 @@ class FaultIn(StrictTable):
     evidence: EvidenceLines = {"en": "user"}
 
 
-class CaveatIn(StrictTable):
+class CaveatTable(StrictTable):
     text: LocalizedText
     evidence: EvidenceLines
 
 
-class OptionIn(StrictTable):
+class OptionTable(StrictTable):
     """Undocumented option. A file that extends another may give the value alone: all else is then the base's."""
 
     value: OptionValue
@@ -276,7 +276,7 @@ class OptionIn(StrictTable):
     """How the value is determined."""
 
 
-class OpenQuestionIn(StrictTable):
+class OpenQuestionTable(StrictTable):
     """Undocumented fact that is no option: its answer belongs to another part of the profile."""
 
     assumed: OptionValue | dict[LanguageCode, Sentence]
@@ -288,39 +288,39 @@ class OpenQuestionIn(StrictTable):
     procedure: LocalizedText
 
 
-class BitIn(StrictTable):
+class BitTable(StrictTable):
     mask: Annotated[int, Field(ge=1, le=0xFFFF)]
     value: Word
     pulse: bool = False
 
 
-class FixedWriteIn(StrictTable):
+class FixedWriteTable(StrictTable):
     """Value that is written to a register of its own."""
 
     register_: Annotated[Word, Field(alias="register")]
     value: Word
 
 
-class WordMatchIn(StrictTable):
+class WordMatchTable(StrictTable):
     """Part of a status word and the value that it must have."""
 
     mask: Annotated[int, Field(ge=1, le=0xFFFF)]
     value: Word
 
 
-class StartStepIn(StrictTable):
+class StartStepTable(StrictTable):
     """Word that a drive needs before it accepts a start, such as the 6 and 7 of DRIVECOM; it moves nothing."""
 
-    when: WordMatchIn | None = None
+    when: WordMatchTable | None = None
     """Status in which the word is sent; without it before every start, and the reply alone confirms it."""
     word: Word
-    until: WordMatchIn | None = None
+    until: WordMatchTable | None = None
     """Status that the word brings about; required with ``when``."""
     timeout_s: Annotated[float, Field(ge=0.1, le=10)] = 1.0
     """Longest time until then."""
 
 
-class CommandsIn(StrictTable):
+class CommandsTable(StrictTable):
     register_: Annotated[Word, Field(alias="register")]
     setpoint_register: Word
     words: Annotated[int, Field(ge=1, le=4)] = 1
@@ -329,25 +329,25 @@ class CommandsIn(StrictTable):
     """coils: the bits of the word are the coils from ``register`` on; coil: the word counts from there to one coil."""
     coil_count: Annotated[int, Field(ge=0, le=16)] = 0
     """Coils that a command writes, for ``written_to = "coils"``."""
-    reset: FixedWriteIn | None = None
+    reset: FixedWriteTable | None = None
     """Fault reset outside the command word."""
-    unlock: FixedWriteIn | None = None
+    unlock: FixedWriteTable | None = None
     """Write without which the drive rejects every command; it moves nothing. A stop is sent without it first."""
-    preparation: list[StartStepIn] = []
+    preparation: list[StartStepTable] = []
     """Words before a start, in their order; each is sent once at most, in the status that asks for it."""
-    ready: WordMatchIn | None = None
+    ready: WordMatchTable | None = None
     """Status in which a start word may be sent; required where a word of ``preparation`` has a ``when``."""
     reset_on_edge: bool = False
     """The drive resets on the rising edge of a bit: the stop word is sent before the reset."""
     rewrite_levels_after_pulse: bool = False
-    bits: dict[CommandName, BitIn] = {}
+    bits: dict[CommandName, BitTable] = {}
     values: dict[CommandValueName, Words] = {}
     """Whole words of a drive whose command word is a number; then there are no ``bits``."""
-    variants: dict[str, dict[str, dict[CommandName, BitIn]]] = {}
+    variants: dict[str, dict[str, dict[CommandName, BitTable]]] = {}
     evidence: EvidenceLines
 
 
-class StatusIn(StrictTable):
+class StatusTable(StrictTable):
     register_: Annotated[Word, Field(alias="register")]
     space: Space = "holding"
     """Of coils and discrete inputs the word has those from ``register`` on, the first as its lowest bit."""
@@ -374,7 +374,7 @@ class StatusIn(StrictTable):
     evidence: EvidenceLines
 
 
-class ModbusIn(StrictTable):
+class ModbusTable(StrictTable):
     functions: list[Literal[1, 2, 3, 4, 5, 6, 8, 15, 16]] = [3, 6]
     max_read: Annotated[int, Field(ge=1, le=125)] = 125
     error_form: Literal["exception", "short"] = "exception"
@@ -392,7 +392,7 @@ class ModbusIn(StrictTable):
     evidence: EvidenceLines
 
 
-class SerialIn(StrictTable):
+class SerialTable(StrictTable):
     baud: Baud
     format: str
     bauds: Annotated[list[Baud], Field(min_length=1)]
@@ -400,7 +400,7 @@ class SerialIn(StrictTable):
     evidence: EvidenceLines
 
 
-class TimingIn(StrictTable):
+class TimingTable(StrictTable):
     """Waits of a station. Each of them delays the stops of all drives on its bus."""
 
     gap_characters: Annotated[float, Field(ge=0, le=100)] = 3.5
@@ -414,13 +414,13 @@ class TimingIn(StrictTable):
     evidence: EvidenceLines
 
 
-class LimitsIn(StrictTable):
+class FrequencyLimitsTable(StrictTable):
     minimum_hz: Annotated[float, Field(ge=0)]
     maximum_hz: Annotated[float, Field(gt=0, le=4000)]
     evidence: EvidenceLines
 
 
-class IdentityIn(StrictTable):
+class IdentityTable(StrictTable):
     """Register that look-alikes with the same status register do not have: an answer shows the map."""
 
     register_: Annotated[Word, Field(alias="register")]
@@ -435,7 +435,7 @@ class IdentityIn(StrictTable):
     evidence: EvidenceLines
 
 
-class WriteIn(StrictTable):
+class WriteTable(StrictTable):
     ram: bool
     eeprom: bool = True
     eeprom_address_bit: Word | None = None
@@ -445,25 +445,25 @@ class WriteIn(StrictTable):
     evidence: EvidenceLines
 
 
-class CommLossIn(StrictTable):
+class CommLossTable(StrictTable):
     time: Sentence | None = None
     action: Sentence | None = None
     trips_values: list[Word] = []
     evidence: EvidenceLines = {"en": "assumed"}
 
 
-class NotationIn(StrictTable):
+class NotationTable(StrictTable):
     style: NotationName
     """A key of the family's ``ProtocolFamily.notations``."""
     highest: Word = 0xFFFF
 
 
-class UnknownFaultIn(StrictTable):
+class UnknownFaultTable(StrictTable):
     label: str = ""
     text: LocalizedText
 
 
-class ProfileIn(StrictTable):
+class ProfileFile(StrictTable):
     """Whole file after the merge of ``extends``."""
 
     format: int
@@ -476,27 +476,27 @@ class ProfileIn(StrictTable):
     addresses: Annotated[list[Annotated[int, Field(ge=0, le=247)]], Field(min_length=2, max_length=2)]
     broadcast: Annotated[int, Field(ge=0, le=255)] | None = None
     capabilities: list[Capability]
-    notation: NotationIn
-    serial: SerialIn
-    timing: TimingIn
-    limits: LimitsIn
-    setpoint: SetpointIn
-    write: WriteIn
-    comm_loss: CommLossIn = CommLossIn()
+    notation: NotationTable
+    serial: SerialTable
+    timing: TimingTable
+    limits: FrequencyLimitsTable
+    setpoint: SetpointTable
+    write: WriteTable
+    comm_loss: CommLossTable = CommLossTable()
     roles: dict[Role, str] = {}
     ramp: Annotated[list[str], Field(min_length=2, max_length=2)] | None = None
     group_sizes: dict[str, Annotated[int, Field(ge=1, le=4096)]] = {}
-    signals: dict[Name, SignalIn] = {}
-    parameters: dict[str, ParameterIn] = {}
-    preconditions: dict[str, PreconditionIn] = {}
-    faults: dict[str, FaultIn] = {}
-    unknown_fault: UnknownFaultIn | None = None
-    caveats: dict[str, CaveatIn] = {}
-    options: dict[Name, OptionIn] = {}
-    open_questions: dict[Name, OpenQuestionIn] = {}
-    modbus: ModbusIn | None = None
-    commands: CommandsIn | None = None
-    status: StatusIn | None = None
-    identity: IdentityIn | None = None
+    signals: dict[Name, SignalTable] = {}
+    parameters: dict[str, ParameterTable] = {}
+    preconditions: dict[str, PreconditionTable] = {}
+    faults: dict[str, FaultTable] = {}
+    unknown_fault: UnknownFaultTable | None = None
+    caveats: dict[str, CaveatTable] = {}
+    options: dict[Name, OptionTable] = {}
+    open_questions: dict[Name, OpenQuestionTable] = {}
+    modbus: ModbusTable | None = None
+    commands: CommandsTable | None = None
+    status: StatusTable | None = None
+    identity: IdentityTable | None = None
     keypad: list[LocalizedText] = []
     wiring: LocalizedText | None = None
