@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from drivebus import i18n, profiles
+from drivebus.drives.state import join_fault_after_word
 from drivebus.profiles import notation
 from drivebus.profiles.model import DriveProfile, Evidence
 from drivebus.profiles.spaces import READ_FUNCTIONS
@@ -426,6 +427,19 @@ def test_a_fault_that_is_not_described_still_has_its_number_in_both_languages() 
         "fault 5, not described in the manual",
         "故障 5，手册未说明",
     )
+
+
+@pytest.mark.parametrize("name", profiles.models())
+def test_a_fault_is_named_once_behind_the_word_fault(name: str) -> None:
+    """Regression: "F251 fault 251 of the drive's fault table", "Fault: fault Fu.12", "OVERCURRENT overcurrent"."""
+    profile = profiles.load(name)
+    for fault in (profile.fault(code) for code in (*profile.faults, 251)):
+        for language, text in fault.text.by_language().items():
+            shown = join_fault_after_word(fault.label, text)
+            words = shown.casefold().split()
+            assert words.count("251") <= 1 and len(re.findall(r"251(?!\d)", shown)) <= 1, (language, shown)
+            assert len(words) == 1 or words[0] != words[1], shown
+            assert not re.match(r"(fault|故障) ?[A-Z]*\.?\d", shown), shown
 
 
 @pytest.mark.parametrize("name", profiles.models())

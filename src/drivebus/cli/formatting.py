@@ -90,7 +90,10 @@ def status_text(status: DriveStatus, now: float, profile: DriveProfile, identity
     if isinstance(unusable_reply, DrivebusError) and (hint := error_hint(unusable_reply)):
         rows.append((output.text("status.remedy"), hint))
     if status.fault is not None:
-        rows.append((output.text("status.fault"), fault_text(status.fault)))
+        from drivebus.drives.state import join_fault_after_word
+
+        name = join_fault_after_word(status.fault.label, str(output.to_json_value(status.fault.text)))
+        rows.append((output.text("status.fault"), name))
         for name in ("cause", "remedy"):
             text = getattr(status.fault, name)
             rows += [(output.text(f"status.{name}"), output.to_json_value(text))] if text else []

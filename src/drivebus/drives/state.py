@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from enum import StrEnum
@@ -79,6 +80,12 @@ def names_fault_label(text: str, label: str) -> bool:
 def join_fault(label: str, text: str) -> str:
     """Join the label and the text of a fault, each of which may be empty; a text that names its label stands alone."""
     return text if names_fault_label(text, label) else f"{label} {text}".strip()
+
+
+def join_fault_after_word(label: str, text: str) -> str:
+    """Join the label and the text of a fault to stand behind the word fault, which the text does not repeat."""
+    first = re.escape(label.partition(FAULT_LABEL_SEPARATOR)[0]) or "\\d"
+    return re.sub(rf"^(?:fault|故障)\s*(?={first})", "", join_fault(label, text), flags=re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from typing import Any
 
 from drivebus import i18n
 from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
-from drivebus.drives.state import FAULT_LABEL_SEPARATOR, names_fault_label
+from drivebus.drives.state import join_fault_after_word
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.alarms.condition import Observation
 from drivebus.service.alarms.model import SYSTEM_ALARM_PRIORITIES, Alarm, SystemAlarm
@@ -122,17 +121,7 @@ def _fault_text(fault: Mapping[str, Any]) -> Text:
     label = str(fault.get("label") or ("" if code in (None, UNNAMED_FAULT_CODE) else code))
     text = fault.get("text") or {}
     meanings = {language: str(text.get(language) or "") for language in i18n.LANGUAGES}
-    first = re.escape(label.partition(FAULT_LABEL_SEPARATOR)[0])
-    word = re.compile(rf"(?:fault|故障)\s*(?={first})", re.IGNORECASE) if label else None
-
-    def per_language(language: str) -> str:
-        meaning = meanings[language]
-        if not names_fault_label(meaning, label):
-            return f"{label} {meaning}".strip()
-        match = word.match(meaning) if word else None
-        return meaning[match.end() :] if match else meaning
-
-    return Text.per_language(per_language)
+    return Text.per_language(lambda language: join_fault_after_word(label, meanings[language]))
 
 
 def _remedy(params: Mapping[str, Any]) -> Text | None:
