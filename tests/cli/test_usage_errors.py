@@ -122,6 +122,17 @@ def test_bytes_that_are_no_reply_are_answered_with_the_remedy_that_a_stop_promis
     assert hint == i18n.text("hint.damaged_reply") and hint in result.stderr.replace("\n", " ")
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_write_that_doubled_replies_withhold_names_a_repeater_in_its_remedy(
+    language: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only two drives at one address were named, to a reader who has one."""
+    monkeypatch.setattr("drivebus.cli.output.language", lambda: language)
+    hint = errors.error_hint(StartInhibited("drives.duplicate", station=1)) or ""
+    assert hint == i18n.text("hint.bus.second_reply", language)
+    assert ("repeater" if language == "en" else "中继器") in hint
+
+
 @pytest.mark.parametrize("line", ["status fan-1", "stop fan-1"])
 def test_the_name_of_a_drive_in_place_of_a_port_is_not_answered_with_a_missing_model(line: str) -> None:
     """A drive of a service needs no model, and a scan of its name finds nothing."""

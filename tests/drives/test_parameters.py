@@ -506,17 +506,21 @@ def test_a_write_that_reads_back_differently_failed() -> None:
 
 
 def test_a_write_with_a_reserved_response_code_is_not_called_written() -> None:
-    """Code 5 of a C320 is in no table: the reply is invalid, and the value that reads back decides."""
+    """Code 5 of a C320 is reserved: its reply is invalid, the value that reads back decides, a note names it."""
 
     class RepliesFive(FakeC320):
         def __call__(self, request: Any) -> Any:
             if isinstance(request, sunfar.SunfarWriteParameter):
-                return CodeError("protocols.sunfar.response", found=5)
+                return CodeError("protocols.sunfar.response", expected=("0-4", "6-8"), found=5)
             return super().__call__(request)
 
     outcome = ParameterBench("c320", RepliesFive(parameters={(0, 1): 2, (0, 2): 5000})).write({"F0.2": 30.0})
     assert outcome.status is OutcomeStatus.FAILED
     assert outcome.text("en") == "F0.2: 30.0 Hz was sent, 50.0 Hz reads back"
+    assert outcome.note_texts("en") == [
+        "the reply to the write was not accepted: response code 5, which the manual reserves, is not one of 0-4, 6-8"
+    ]
+    assert outcome.note_texts("zh") == ["对该写入的应答未被采信：变频器响应码 5 为手册保留的代码，不在 0-4、6-8 之内"]
 
 
 def test_an_unanswered_write_is_decided_by_reading_it() -> None:

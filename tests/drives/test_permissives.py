@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from drivebus import i18n
 from drivebus.bus.messages import Permit, RetryPolicy
 from drivebus.drives.operations.steps import BusConditions
 from drivebus.drives.permissives import (
@@ -106,6 +107,8 @@ def test_a_foreign_master_blocks_everything_that_acts() -> None:
 
 def test_two_drives_at_one_address_are_not_commanded() -> None:
     check_withheld(StartInhibited, "drives.duplicate", conditions=replace(CONDITIONS, duplicate_address=True))
+    assert "through a repeater" in i18n.text("drives.duplicate", "en", station=1)
+    assert "中继器" in i18n.text("drives.duplicate", "zh", station=1)
 
 
 @pytest.mark.parametrize(("family", "limit"), [("sunfar", 0.01), ("modbus", 0.01), ("dzb100", 0.001)])

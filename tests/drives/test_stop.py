@@ -303,7 +303,8 @@ def test_replies_without_a_state_are_named_and_not_called_no_reply(model: str, s
     outcome = bus.run(stop(operation_for(bus.dialect)))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.stop_unusable_replies")
     assert outcome.params["why"] == why
-    assert i18n.known("hint.drives.stop_unusable_replies")
+    for language, remedies in (("en", ("no two drives", "repeater", "wiring")), ("zh", ("同一站号", "中继器", "接线"))):
+        assert all(remedy in i18n.text("hint.drives.stop_unusable_replies", language) for remedy in remedies)
 
 
 def test_one_reading_of_standstill_is_not_enough() -> None:

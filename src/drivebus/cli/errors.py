@@ -58,6 +58,7 @@ _HINTS_OF_VALUES = {
 """Hints of an error with this value of a parameter."""
 _SHARED_HINTS = {
     "bus.line_errors": "damaged_reply",
+    "drives.duplicate": "bus.second_reply",
     "drives.confirm_inputs": "drives.confirm_address",
     "drives.confirm_serial": "drives.confirm_address",
     "drives.confirm_source": "drives.confirm_address",

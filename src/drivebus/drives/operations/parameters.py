@@ -30,6 +30,7 @@ from drivebus.errors import (
     DrivebusError,
     DriveError,
     PreflightError,
+    ProtocolError,
 )
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.profiles.model import Parameter, Signal
@@ -186,6 +187,8 @@ def _write_one(op: OperationContext, write: CheckedWrite, *, save: bool) -> Driv
         outcome = op.unverifiable_outcome(
             "drives.save_acknowledged", "drives.save_unknown", answered=result.error is None, **params
         )
+    if isinstance(result.error, ProtocolError) and not outcome.succeeded:
+        outcome = with_note(outcome, "drives.write_reply", why=result.error)
     if save and outcome.succeeded:
         with suppress(ConfigurationError):  # unrecorded, the next save of this value is not skipped: safe
             yield from budget.mark_saved(notation)
