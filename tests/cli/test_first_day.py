@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import logging.handlers
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
 
@@ -13,11 +14,13 @@ from click.testing import CliRunner, Result
 
 from drivebus import i18n
 from drivebus.cli import output
+from drivebus.cli.commands import serve
 from drivebus.cli.demo import host
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
 from drivebus.cli.tui import plain, view
 from drivebus.service.process import logging_setup
+from fixtures.service import SHOP_FILE
 
 
 def command(*words: str) -> Result:
@@ -145,3 +148,20 @@ def test_the_log_of_the_demo_is_in_the_language_of_the_command_and_leaves_no_dri
     monkeypatch.setattr(host, "_run_with_page", log_events)
     assert CliRunner().invoke(cli, ["demo", "--lang", "zh"]).exit_code == 0
     assert [record.getMessage() for record in handler.buffer] == ["zh stop"]
+
+
+@pytest.mark.parametrize(("at_terminal", "left_out"), [(True, ("checkpoint",)), (False, ())])
+def test_serve_at_a_terminal_begins_with_the_address_and_not_with_a_checkpoint(
+    at_terminal: bool, left_out: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A line of 64 digits stood before the address of the page; a log that is kept has it."""
+    calls: list[Any] = []
+    monkeypatch.setattr(logging_setup, "configure_logging", lambda *_, **options: calls.append(options))
+    monkeypatch.setattr(serve, "sys", SimpleNamespace(stderr=SimpleNamespace(isatty=lambda: at_terminal)))
+    monkeypatch.setattr(serve, "_run", lambda *_: None)
+    monkeypatch.setattr(serve.asyncio, "run", lambda _: ExitCode.DONE)
+    monkeypatch.setattr(serve.signal, "signal", lambda *_: None)
+    plant = tmp_path / "plant.toml"
+    plant.write_text(SHOP_FILE)
+    assert serve._serve(str(plant), ("web",), "text") is ExitCode.DONE
+    assert calls == [{"without_events": left_out}]

@@ -66,6 +66,16 @@ def test_every_example_parses(path: tuple[str, ...], command: CliCommand) -> Non
         command.make_context("x", words[len(path) + 1 :])
 
 
+LONG_EXAMPLES = {("comm-loss-test",), ("control", "request"), ("waive",)}
+"""Commands of a service that need its URL, a drive and a reason or a frequency."""
+
+
+@pytest.mark.parametrize(("path", "command"), [(p, c) for p, c in TREE if p not in LONG_EXAMPLES])
+def test_an_example_fits_a_line_of_80_columns(path: tuple[str, ...], command: click.Command) -> None:
+    for example in getattr(command, "examples", ()):
+        assert len(f"  {example}") <= 80, example
+
+
 SENDING = [
     (command, example)
     for _, command in TREE

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from drivebus.cli.main import cli
 from drivebus.commissioning import scan
 from drivebus.errors import PortLost
+from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.port import clear_simulated_buses
 
 WORDS = ("scan", "sim://vc660@3", "--models", "vc660", "--addresses", "3", "--listen-seconds", "0", "--lang", "en")
@@ -39,3 +40,20 @@ def test_the_json_of_a_scan_whose_port_is_lost_is_one_document_with_what_was_fou
 def test_a_scan_whose_port_is_lost_prints_what_was_found_and_the_error() -> None:
     found = CliRunner().invoke(cli, WORDS)
     assert "vc660" in found.stdout and "/dev/ttyUSB0" in found.stderr and found.exit_code == 1
+
+
+@pytest.mark.parametrize(("models", "exit_code"), [((), 1), (("vc660",), 0)])
+def test_a_scan_succeeds_only_with_a_drive_whose_model_is_known(
+    models: tuple[str, ...], exit_code: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A device that rejects the reads of every model ended it with 0, and a script had no model to command."""
+
+    async def find(passes: Any, open_port: Any, progress: scan.ScanProgress, *rest: Any, **options: Any) -> None:
+        drive = scan.DetectedDrive(
+            models=models, setpoint_steps_hz={}, family="modbus", encoding="rtu", address=3,
+            settings=SerialSettings.parse(9600, "8N1"), exchange=(b"", b""),
+        )  # fmt: skip
+        progress.found.append(drive)
+
+    monkeypatch.setattr(scan, "scan", find)
+    assert CliRunner().invoke(cli, WORDS).exit_code == exit_code

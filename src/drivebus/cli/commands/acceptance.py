@@ -226,6 +226,6 @@ command = CliCommand(
     ],
     examples=(
         "drivebus acceptance /dev/ttyUSB0 --model vc660 --address 1",
-        "drivebus acceptance /dev/ttyUSB0 --model c320 --address 1 --motor --frequency 5",
+        "drivebus acceptance /dev/ttyUSB0 --model c320 --address 1 --motor",
     ),
 )

@@ -153,7 +153,7 @@ verify = CliCommand(
     examples=(
         "drivebus audit verify plant.toml",
         "drivebus audit verify plant.toml --at-least 4711",
-        "drivebus audit verify /var/lib/drivebus/plants/hall --key /root/hall.audit.key --json",
+        "drivebus audit verify /var/lib/drivebus/plants/hall --key /root/hall.audit.key",
     ),
 )
 

@@ -231,7 +231,7 @@ command = CliCommand(
     ],
     examples=(
         "drivebus check plant.toml",
-        "drivebus check plant.toml --assert 'stop<250ms' --assert 'refresh<2s' --assert 'load<80%'",
+        "drivebus check plant.toml --assert 'stop<250ms' --assert 'load<80%'",
         "drivebus check plant.toml --json",
     ),
 )

@@ -150,7 +150,7 @@ command = CliCommand(
     ],
     examples=(
         "drivebus decode --model c320 2A 30 30 34 30 33 30 30 30 30 30 31 42 37 0D",
-        'drivebus decode --model vc660 --direction response --request "01 03 30 02 00 01 2A CA" 01 03 02 13 88 B5 12',
+        "drivebus decode --model vc660 --request 0103300200012ACA 01 03 02 13 88 B5 12",
         "drivebus decode --model df800 :010600F9",
         "drivebus decode --model dzb100 --json 4303013031303130334538",
     ),

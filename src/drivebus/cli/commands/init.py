@@ -318,6 +318,6 @@ command = CliCommand(
         "drivebus init /dev/ttyUSB0 --scan",
         "drivebus init /dev/ttyUSB0 /dev/ttyUSB1 --scan --addresses 1-8 -o plant.toml",
         "drivebus init --answers answers.toml --force",
-        "drivebus init sim://c320@1-2 --scan --models c320 --addresses 1-3 --listen-seconds 0 -o -",
+        "drivebus init sim://c320@1-2 --scan --models c320 --addresses 1-3 -o -",
     ),
 )

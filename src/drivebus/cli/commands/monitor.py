@@ -204,9 +204,9 @@ command = RemoteCommand(
     examples=(
         "drivebus monitor /dev/ttyUSB0 --model c320 --address 1-3",
         "drivebus monitor /dev/ttyUSB0",
-        "drivebus monitor /dev/ttyUSB0 --model c320 --address 1-3 --record trip-of-pump-3.dbcap",
-        "drivebus monitor trip-of-pump-3.dbcap --speed 10",
-        "drivebus monitor sim://vc660@1-4 --model vc660 --address 1-4 --json --duration 10",
+        "drivebus monitor /dev/ttyUSB0 --model c320 --address 1-3 --record trip.dbcap",
+        "drivebus monitor trip.dbcap --speed 10",
+        "drivebus monitor sim://c320@1 --model c320 --address 1 --json --duration 10",
         "drivebus monitor --service http://127.0.0.1:8080",
     ),
 )

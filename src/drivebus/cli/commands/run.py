@@ -255,7 +255,7 @@ command = drive_command(
     ),
     examples=(
         "drivebus run /dev/ttyUSB0 --model c320 --address 1 --frequency 25",
-        "drivebus run /dev/ttyUSB0 --model vc660 --address 3 --frequency 10 --reverse --wait",
+        "drivebus run /dev/ttyUSB0 --model vc660 --address 3 --frequency 10 --reverse",
         "drivebus run sim://c320@1 --model c320 --address 1 --frequency 50 --detach",
         "drivebus run /dev/ttyUSB0 --model df800 --address 2 --frequency 5 --dry-run",
         "drivebus run --service http://127.0.0.1:8080 --drive fan-1 --frequency 25",

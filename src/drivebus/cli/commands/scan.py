@@ -80,8 +80,8 @@ async def _run(
             return print_scan(request.port, progress, sniffed, exit_code_of(error), error)
     if shutdown.received:
         output.print_note("scan.aborted")
-    answered = any(drive.valid_reply for drive in progress.found)
-    code = ExitCode.INTERRUPTED if shutdown.received else ExitCode.DONE if answered else ExitCode.FAILED
+    named = any(drive.models for drive in progress.found)  # a device that no model fits can't be commanded
+    code = ExitCode.INTERRUPTED if shutdown.received else ExitCode.DONE if named else ExitCode.FAILED
     return print_scan(request.port, progress, sniffed, code)
 
 
@@ -100,7 +100,7 @@ command = CliCommand(
     ],
     examples=(
         "drivebus scan /dev/ttyUSB0",
-        "drivebus scan /dev/ttyUSB0 --models c320 --addresses 1-8 --bauds 9600 --formats 8E1,8N1",
+        "drivebus scan /dev/ttyUSB0 --addresses 1-8 --bauds 9600 --formats 8E1,8N1",
         "drivebus scan sim://vc660@3 --models vc660 --addresses 1-5 --json",
         "drivebus scan tcp://192.168.1.50:4001 --dry-run",
         "drivebus scan /dev/ttyUSB0 --record what-answered.dbcap",

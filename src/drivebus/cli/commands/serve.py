@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import signal
+import sys
 from typing import TYPE_CHECKING
 
 from drivebus.cli import output
@@ -32,7 +33,8 @@ def _serve(plant: str, without: tuple[str, ...], log: LogFormat) -> ExitCode:
         if gateway.extra is not None and gateway.enabled and gateway.id not in without:
             require_extra(gateway.extra)
     output.export_language()
-    configure_logging(log)
+    # A checkpoint helps where the log is kept; at a terminal it only stood before the address of the page.
+    configure_logging(log, without_events=("checkpoint",) if sys.stderr.isatty() else ())
     return asyncio.run(_run(config, without, log))
 
 

@@ -160,8 +160,8 @@ command = CliCommand(
         options.profile_option(),
     ],
     examples=(
-        "drivebus simulate --model c320 --address 0-3,7 --bind pty",
+        "drivebus simulate --model c320 --address 0-3,7 --bind pty --link /tmp/pumps",
         "drivebus simulate --model vc660 --address 1 --bind tcp://127.0.0.1:4001 --json",
-        "drivebus simulate --model df800 --address 1-4 --link /tmp/pumps --line-quality lossy --seed 7",
+        "drivebus simulate --model df800 --address 1-4 --line-quality lossy --seed 7",
     ),
 )

@@ -57,7 +57,7 @@ command = drive_command(
     examples=(
         "drivebus status sim://c320@1 --model c320 --address 1",
         "drivebus status /dev/ttyUSB0 --model vc660 --address 3 --baud 19200 --json",
-        "drivebus status rfc2217://192.168.1.50:4001 --model df800 --address 2 --dry-run",
+        "drivebus status rfc2217://10.0.0.7:4001 --model df800 --address 2 --dry-run",
         "drivebus status --service http://127.0.0.1:8080 --drive fan-1",
     ),
 )

@@ -25,6 +25,6 @@ command = CliCommand(
     ],
     examples=(
         'drivebus waive --service http://127.0.0.1:8080 --group fans --reason "hard-wired stop at each fan"',
-        'drivebus waive --service http://127.0.0.1:8080 --all --reason "test bench, attended"',
+        'drivebus waive --service http://127.0.0.1:8080 --all --reason "attended bench"',
     ),
 )

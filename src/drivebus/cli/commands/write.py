@@ -75,8 +75,8 @@ command = drive_command(
     ),
     examples=(
         "drivebus write /dev/ttyUSB0 F1.10=0010 --model c320 --address 1",
-        "drivebus write /dev/ttyUSB0 F1.07=10.0 F1.08=12.5 --save --model df800 --address 2",
-        "drivebus write /dev/ttyUSB0 10=15.0 --save --model dzb100 --address 5 --dry-run",
+        "drivebus write /dev/ttyUSB0 F1.07=10 F1.08=15 --save --model df800 --address 2",
+        "drivebus write /dev/ttyUSB0 10=15 --save --model dzb100 --address 5 --dry-run",
         "drivebus write --service http://127.0.0.1:8080 --drive fan-1 F1.10=1",
     ),
 )
