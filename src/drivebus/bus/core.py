@@ -33,7 +33,7 @@ Which code decides that a reply is accepted:
 
 6. ``Transaction`` takes only a complete frame that the codec decodes as the reply to the one open request, without a
    line error, apart from the echo of our own frame, and followed by the gap of silence. Where the port's timing is that
-   of the line (not over TCP or a pseudo-terminal), bytes received before the last bit of our own frame are no reply.
+   of the bus (not over TCP or a pseudo-terminal), bytes received before the last bit of our own frame are no reply.
    A poll reuses the decoded message of its last reply for the same bytes (``PreparedPoll.decode_reply``); everything
    else here and below applies to each reply.
 7. ``_reject_reason`` then rejects a reply that may be our own echo, and any reply of a suspect station except to a

@@ -10,7 +10,7 @@
 
 Received bytes never move the deadline; ``BusCore.on_data`` still adds bytes that a busy host reads up to 0.2 s after
 it, because they may have come in time. Bytes received before our own last stop bit are no reply, where the port's
-timing is that of the line.
+timing is that of the bus.
 """
 
 from __future__ import annotations

@@ -89,7 +89,7 @@ class ScanProgress:
     noise_s: float = 0.0
     """Time that addresses without a valid frame took beyond their planned time."""
     unsent: int = 0
-    """Requests that were not sent because the line was never silent."""
+    """Requests that were not sent because the bus was never silent."""
 
     @property
     def left_s(self) -> float:
@@ -233,7 +233,7 @@ class _ProbedAddress:
     repetitions_left: int = 0
     """Number of requests that may be sent again."""
     unsent: int = 0
-    """Number of requests that were not sent because the line was never silent."""
+    """Number of requests that were not sent because the bus was never silent."""
 
     @property
     def is_noise(self) -> bool:

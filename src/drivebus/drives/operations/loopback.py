@@ -1,4 +1,4 @@
-"""Loop-back test: requests that the drive returns unchanged, which shows the quality of the line. Changes nothing."""
+"""Loop-back test: requests that the drive returns unchanged, which shows the quality of the bus. Changes nothing."""
 
 from __future__ import annotations
 

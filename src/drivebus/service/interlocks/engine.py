@@ -33,7 +33,7 @@ FIRST_POLL_GRACE_S = 10.0
 """Time in which a slow bus polls every drive once."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Violation:
     """Interlock that does not hold, with the reasons."""
 
@@ -104,7 +104,8 @@ class InterlockEngine:
             return True if was_tripped else None
         since_s = now if before is None else before.since_s
         tripped = was_tripped or self._should_trip(state, since_s, now)
-        state.violation = Violation(state.config, since_s, tripped, tuple(unmet_reasons(state.expression, lookup)))
+        reasons = tuple(unmet_reasons(state.expression, lookup))
+        state.violation = Violation(config=state.config, since_s=since_s, tripped=tripped, reasons=reasons)
         return False if tripped and not was_tripped else None
 
     def _should_trip(self, state: _InterlockState, since_s: float, now: float) -> bool:
@@ -118,8 +119,9 @@ class InterlockEngine:
         An interlock counts as violated until its first evaluation, also after a reload.
         """
         states = [state for state in self._states.values() if drive in state.config.drives]
+        reasons = (bilingual_text("interlocks.not_looked"),)
         new = [
-            Violation(state.config, 0.0, False, (bilingual_text("interlocks.not_looked"),))
+            Violation(config=state.config, since_s=0.0, tripped=False, reasons=reasons)
             for state in states
             if not state.evaluated
         ]
