@@ -120,7 +120,7 @@ class BusCore:
         self._closed_by = PortLost("bus.not_open")  # why the port is not open
         self.first_opened_at: float | None = None
         """Start of all counters; a replug does not reset it."""
-        self.opened_at = 0.0
+        self.opened_at = float("-inf")
         """Last opening: start of the recent shares of bus time."""
         self.stations: dict[int, Station] = {}
         self.removed_stations: dict[int, Station] = {}
