@@ -181,6 +181,19 @@ def test_on_a_low_screen_the_stop_bar_leaves_the_room_to_the_page(
     page.locator(".stop-status.good").wait_for()
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_at_400_percent_zoom_each_stop_says_in_full_what_it_stops(visit: Any, language: str) -> None:
+    """Of "all, and no restart" the end was cut: that this stop also inhibits the start could not be read."""
+    page = visit("#/drive/fan-1", language=language, size=(320, 225))
+    page.locator("[data-stop=drive]").wait_for()
+    for label in page.locator(".stop :is(b, .what)").all():
+        # A line of Chinese may be one pixel higher than its line height.
+        assert label.evaluate(
+            "(one) => [one.scrollWidth <= one.clientWidth, one.scrollHeight <= one.clientHeight + 2]"
+        ) == [True, True]
+    assert page.locator(".stopbar").bounding_box()["height"] <= 225 / 2
+
+
 PLACES = """() => [...document.querySelectorAll('main button:not(.drivedetails *), .stop, nav a')]
   .map((one) => one.getBoundingClientRect()).map(({ x, y }) => [x, y])"""
 """Places of the buttons above the details of a drive, whose chart may be drawn later."""

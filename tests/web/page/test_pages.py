@@ -141,6 +141,8 @@ def test_an_alarm_is_acknowledged_and_its_incident_opened(stage: Stage, visit: A
     page.reload()
     parameters = page.get_by_role("region", name=word("incident_parameters")).locator("tbody tr")
     expect(parameters.filter(has_text="F9.4")).to_contain_text(i18n.text("drives.no_answer", "en"))
+    expect(page.locator(".notice.warning")).to_contain_text(UNREAD_CAPTURE["en"])
+    assert not page.get_by_role("button", name=word("save_capture")).is_visible()
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
@@ -185,11 +187,15 @@ def test_an_event_of_an_incident_that_is_no_command_has_its_own_sign(stage: Stag
     assert row.locator(".sign").inner_text() == "●"
 
 
+UNREAD_CAPTURE = {"en": "the frames cannot be read", "zh": "无法读取报文"}
+
+
 def unread(route: Any) -> None:
-    """Answer with an incident whose parameters could not be read."""
+    """Answer with an incident whose parameters could not be read, nor the file of its frames."""
     answer = route.fetch()
     silent = {"raw": None, "value": None, "unit": "", "quality": "bad", "reason": "drives.no_answer"}
-    route.fulfill(response=answer, json=answer.json() | {"parameters": {"F9.4": silent}})
+    found = {"parameters": {"F9.4": silent}, "capture": None, "capture_problem": UNREAD_CAPTURE}
+    route.fulfill(response=answer, json=answer.json() | found)
 
 
 def test_the_faults_of_the_statistics_have_the_labels_of_the_keypad(stage: Stage, visit: Any, expect: Any) -> None:
@@ -797,16 +803,23 @@ def test_the_field_of_a_parameter_stays_in_sight_while_its_table_scrolls(stage: 
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
-def test_the_table_of_parameters_with_its_fields_fits_a_screen_of_1440_pixels(
+def test_the_table_of_parameters_fits_a_screen_of_1280_pixels_and_with_its_fields_one_of_1440(
     stage: Stage, visit: Any, language: str
 ) -> None:
-    """Regression: the column of the fields, which stays in sight, covered that of the ranges."""
-    page = visit("#/drive/pump-1?tab=parameters", size=(1440, 900), language=language)
+    """Regression: the column of the fields, which stays in sight, covered that of the ranges.
+
+    At 1280 pixels the buttons that read a parameter were beyond the right edge.
+    """
+    page = visit("#/drive/pump-1?tab=parameters", size=(1280, 800), language=language)
+    page.locator(".drivedetails td").first.wait_for()
+    table, beyond = page.locator(".drivedetails .scroll"), "(table) => table.scrollWidth - table.clientWidth"
+    assert table.evaluate(beyond) <= 0
+    page.set_viewport_size({"width": 1440, "height": 900})
     page.click("[data-do=take]")
     page.locator("td input").first.wait_for()
     page.click("[data-do=read]")
     page.locator(".drivedetails td b").first.wait_for()
-    assert page.locator(".drivedetails .scroll").evaluate("(table) => table.scrollWidth - table.clientWidth") <= 0
+    assert table.evaluate(beyond) <= 0
 
 
 def test_no_cell_of_the_stations_of_a_bus_is_cut_off_on_a_phone(visit: Any, expect: Any) -> None:
