@@ -34,6 +34,9 @@ def test_a_printed_page_is_dark_on_white_and_nothing_lies_over_it(stage: Stage, 
     assert page.locator(".active-fault").is_visible() and page.locator(".strip .priority").is_visible()
     fixed = "all => all.filter((one) => getComputedStyle(one).position === 'fixed' && one.offsetHeight > 0).length"
     assert page.locator("body *").evaluate_all(fixed) == 0
+    page.evaluate("location.hash = '#/fleet'")
+    page.locator(".tile").first.wait_for()
+    assert not page.locator(".tilestop").first.is_visible()
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
