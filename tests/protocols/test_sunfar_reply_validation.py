@@ -342,7 +342,11 @@ def test_a_hex_class_or_response_is_one_digit() -> None:
     ("frame", "english", "chinese"),
     [
         (b"#", "the frame begins with 23H, expected 2AH", "帧头为 23H，应为 2AH"),
-        (b"*059", "response code 9 is not one of 0-4, 6-8", "变频器响应码 9 不在 0-4、6-8 之内"),
+        (
+            b"*059",
+            "response code 9, which the manual reserves, is not one of 0-4, 6-8",
+            "变频器响应码 9 为手册保留的代码，不在 0-4、6-8 之内",
+        ),
         (b"*0600300F00070266\r", "reply from station 6, expected 5", "请求的是 5 号站，应答的是 6 号站"),
         (b"*0500300E00070264\r", "the reply names item 14, the request item 15", "应答的数据地址为 14，请求为 15"),
         (b"*0500300F0007028B\n", "byte 17: 0AH where the end mark 0DH belongs", "第 17 字节为 0AH，应为帧尾 0DH"),
