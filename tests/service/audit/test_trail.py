@@ -266,20 +266,20 @@ def test_a_list_takes_range_drive_cursor_and_page_size_each_from_its_own_paramet
     asyncio.run(scenario())
 
 
+def write_half_and_fail(fd: int, data: bytes, real: Callable[[int, bytes], int] = os.write) -> int:
+    """Write as a full disk does: a part of the data, then an error."""
+    real(fd, data[: len(data) // 2])
+    raise OSError(28, "No space left on device")
+
+
 def test_a_failed_disk_rejects_awaited_records_and_queues_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = os.write
-
-    def full(fd: int, data: bytes) -> int:
-        real(fd, data[: len(data) // 2])
-        raise OSError(28, "No space left on device")
-
     async def go() -> None:
         trail = new_trail(tmp_path)
         await trail.open()
         with monkeypatch.context() as context:
-            context.setattr(os, "write", full)
+            context.setattr(os, "write", write_half_and_fail)
             with pytest.raises(AuditUnavailable) as rejected:
                 await trail.record(sample_entry(1))
             trail.record_nowait(AuditEntry.by(LI, "drive.stop", target="fan-1", outcome="confirmed"))
@@ -299,18 +299,13 @@ def test_a_service_that_ends_on_a_full_disk_leaves_no_half_record(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """`audit verify` took it for a kill or a cut."""
-    real = os.write
-
-    def full(fd: int, data: bytes) -> int:
-        real(fd, data[: len(data) // 2])
-        raise OSError(28, "No space left on device")
 
     async def go() -> None:
         trail = new_trail(tmp_path)
         await trail.open()
         await trail.record(sample_entry(1))
         await trail.checkpoint()
-        monkeypatch.setattr(os, "write", full)
+        monkeypatch.setattr(os, "write", write_half_and_fail)
         trail.record_nowait(AuditEntry.by(LI, "drive.stop", target="fan-1", outcome="confirmed"))
         await trail.close()
         assert verify_report(trail).ok and [record["n"] for record in lines(trail.paths.current)] == [1, 2]
