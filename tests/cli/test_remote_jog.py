@@ -9,9 +9,10 @@ from typing import Any, cast
 import pytest
 
 from drivebus import profiles
+from drivebus.cli.errors import ExitCode, exit_code_of
 from drivebus.cli.remote.drive import RemoteDrive
 from drivebus.drives.state import Direction
-from drivebus.errors import DrivebusError, NotFound, StartInhibited
+from drivebus.errors import DrivebusError, NotFound, OutcomeUnknown, ServiceUnavailable, StartInhibited
 from drivebus.testing import virtual_time
 from drivebus.types import Json
 
@@ -95,6 +96,20 @@ def test_a_jog_that_the_service_has_ended_is_an_error_and_the_drive_is_stopped()
                 await asyncio.sleep(0.1)
                 jog.renew()
         assert client.operations[-1] == "drive.stop"
+
+    play(scenario)
+
+
+def test_a_jog_whose_service_is_lost_ends_with_an_unknown_stop_that_names_the_drive() -> None:
+    """It ended as any request to a lost service: with 1, and without a word of the motor that may run on."""
+
+    async def scenario() -> None:
+        client = FakeClient(is_local=True, jog_end=ServiceUnavailable("plant.not_there", socket="plant.sock"))
+        with pytest.raises(OutcomeUnknown) as caught:
+            async with drive(client).jog(None, Direction.FORWARD, 0.5):
+                pass
+        assert caught.value.key == "service.not_stopped" and "fan-1 could not be stopped" in str(caught.value)
+        assert exit_code_of(caught.value) is ExitCode.UNKNOWN
 
     play(scenario)
 

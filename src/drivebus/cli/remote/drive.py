@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from drivebus.cli.remote.client import RemoteClient
 from drivebus.cli.remote.convert import parse_outcome, parse_reading, parse_status, reading_time
-from drivebus.errors import DrivebusError, NotFound, OutcomeUnknown, ServiceUnavailable, before_motion
+from drivebus.cli.stop_errors import stop_errors
+from drivebus.errors import DrivebusError, NotFound, ServiceUnavailable, before_motion
 from drivebus.service.api.operations import Operation
 from drivebus.service.api.operations.comm_loss import COMM_LOSS_TEST
 from drivebus.service.api.operations.control import LEASE_RELEASE, LEASE_RENEW, LEASE_TAKE
@@ -163,11 +164,9 @@ class RemoteDrive:
 
     async def _stop(self, mode: str) -> Outcome:
         """Stop without a lease. Raises OutcomeUnknown if the service is lost: nothing else could confirm the stop."""
-        try:
-            assumed = {"assume_model": True} if self._assume_model else {}
+        assumed = {"assume_model": True} if self._assume_model else {}
+        with stop_errors(self.name):
             return parse_outcome(await self.call(DRIVE_STOP, how=mode, **assumed))
-        except ServiceUnavailable as error:
-            raise OutcomeUnknown("service.not_stopped", drive=self.name, why=error) from error
 
     async def _call_with_control(self, operation: Operation, **params: Any) -> Outcome:
         await self.take_control()
@@ -255,10 +254,12 @@ class RemoteJog:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        """End the jog. Raises OutcomeUnknown if the service is lost: nothing else could confirm the stop."""
         if self._renewal is not None:
             self._renewal.cancel()
             await asyncio.gather(self._renewal, return_exceptions=True)
         try:
-            self.stop_outcome = parse_outcome(await self._drive.call(DRIVE_JOG_END, jog=self._jog_id))
+            with stop_errors(self._drive.name):
+                self.stop_outcome = parse_outcome(await self._drive.call(DRIVE_JOG_END, jog=self._jog_id))
         except NotFound:
             self.stop_outcome = await self._drive.stop()

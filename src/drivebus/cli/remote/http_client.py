@@ -119,10 +119,9 @@ def _parse_response(status: int, text: bytes, address: str) -> Json:
 
     try:
         document = printable_values(json.loads(text))
-        if status == 200:
-            assert isinstance(document, dict)
+        if status == 200 and isinstance(document, dict):
             return document
         error = parse_error_outcome(error_from_json(document["error"]))
-    except (ValueError, KeyError, TypeError, AssertionError) as problem:
+    except (ValueError, KeyError, TypeError) as problem:
         raise ServiceUnavailable("service.strange", address=address, status=status) from problem
     raise error
