@@ -66,8 +66,6 @@ _SHARED_HINTS = {
     "drives.stop_reply_lost": "drives.stop_no_reply",
     "drives.stop_rejected_running": "drives.stop_rejected",
     "plant.waiver_needed_tested": "plant.waiver_needed",
-    "plant_init.unwritten": "capture.export.write",
-    "profile_new.unwritten": "capture.export.write",
     "plant.waiver_of_another": "plant.waiver_needed",
 }
 """Errors with the same remedy as another one."""

@@ -5,10 +5,24 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from drivebus.atomic_write import atomic_write
 from drivebus.cli import output
+from drivebus.errors import ConfigurationError, SystemReason
+
+
+@contextmanager
+def file_errors(file: str | Path) -> Iterator[None]:
+    """Raise ConfigurationError for a file that exists already or can't be written."""
+    try:
+        yield
+    except FileExistsError:
+        raise ConfigurationError("cli.file_exists", file=str(file)) from None
+    except OSError as error:
+        raise ConfigurationError("cli.file_unwritten", file=str(file), reason=SystemReason(error)) from error
 
 
 def write_file(file: str | Path, content: bytes, *, replace: bool) -> None:

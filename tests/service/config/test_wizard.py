@@ -113,7 +113,7 @@ def test_a_plant_file_stays_where_the_new_one_can_t_be_written_and_that_one_is_p
     assert "No space left on device" in result.stderr and "free space" in result.stderr
     assert sorted(one.name for one in tmp_path.iterdir()) == ["answers.toml", "plant.toml"]
     result = init("--answers", answers, "-o", path, "--force", "--json")
-    assert json.loads(result.stdout)["error"]["key"] == "plant_init.unwritten", "one document; the plant is beside it"
+    assert json.loads(result.stdout)["error"]["key"] == "cli.file_unwritten", "one document; the plant is beside it"
     assert "boiler-house" in result.stderr
 
 

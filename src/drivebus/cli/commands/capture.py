@@ -10,7 +10,7 @@ import click
 
 from drivebus.cli import options, output
 from drivebus.cli.click_ext import Argument, CliCommand, LazyGroup, Option
-from drivebus.cli.written_file import write_file
+from drivebus.cli.written_file import file_errors, write_file
 
 if TYPE_CHECKING:
     from drivebus.capture.dbcap import Capture
@@ -25,7 +25,8 @@ def _export(*, file: str, pcapng: str, force: bool, all_modbus: bool) -> None:
     capture = read_capture(file)
     frames = split_frames(capture, all_modbus=all_modbus)
     comment = output.text("capture.export.comment", options=wireshark.WIRESHARK_OPTIONS, file=Path(file).name)
-    _write(Path(pcapng), wireshark.encode_wireshark(capture, frames, comment), force=force)
+    with file_errors(pcapng):
+        write_file(pcapng, wireshark.encode_wireshark(capture, frames, comment), replace=force)
     _print_result(file, pcapng, capture, frames)
 
 
@@ -50,19 +51,6 @@ def _counts(frames: list[CapturedFrame]) -> dict[str, int]:
     received, modbus = sum(one.received for one in frames), sum(one.modbus for one in frames)
     count = len(frames)
     return {"frames": count, "sent": count - received, "received": received, "modbus": modbus, "other": count - modbus}
-
-
-def _write(out: Path, data: bytes, *, force: bool) -> None:
-    """Write a complete new file or none; ``force`` replaces an old one. Raises CaptureError."""
-    from drivebus.capture.dbcap import CaptureError
-    from drivebus.errors import SystemReason
-
-    try:
-        write_file(out, data, replace=force)
-    except FileExistsError as error:
-        raise CaptureError("capture.export.exists", file=str(out)) from error
-    except OSError as error:
-        raise CaptureError("capture.export.write", file=str(out), reason=SystemReason(error)) from error
 
 
 def _pcapng(text: str) -> str:

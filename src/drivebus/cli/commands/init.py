@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,7 +23,8 @@ from drivebus.cli.scanning import (
     search_options,
     select_alike,
 )
-from drivebus.cli.written_file import check_writable, write_or_print
+from drivebus.cli.written_file import check_writable, file_errors, write_or_print
+from drivebus.types import Json
 from drivebus.values import parse_addresses
 
 if TYPE_CHECKING:
@@ -50,10 +50,10 @@ def _init(
     Ctrl-C during a scan or its questions prints the file with what was found so far instead of writing it.
     """
     from drivebus.service.config.load import loads
-    from drivebus.service.config.wizard import PlantAnswers, plant_toml, read_answers
+    from drivebus.service.config.wizard import plant_toml, read_answers
 
     if file != "-":
-        with _file_errors(file):
+        with file_errors(file):
             check_writable(file, replace=force)
     if scan:
         requests = [
@@ -65,10 +65,7 @@ def _init(
                 output.print_note("cli.interrupted")
             output.print_json({"file": None, "plant": None, "drives": [], "undecided": []})
             return code
-        questions = ModelQuestions(is_interrupted=code is ExitCode.INTERRUPTED)
-        buses = tuple(_bus_answer(port, drives, models or (), questions) for port, drives in scanned)
-        code = ExitCode.INTERRUPTED if questions.is_interrupted else code
-        found = PlantAnswers(output.text("plant_init.default_title"), buses)
+        found, code = _answers_of_scan(scanned, models or (), code)
     else:
         code = ExitCode.DONE
         found = read_answers(answers) if answers is not None else _ask_answers(ports)
@@ -76,23 +73,18 @@ def _init(
     config = loads(text, file, Path(file).resolve().parent)
     is_written = file != "-" and code is not ExitCode.INTERRUPTED
     if is_written:
-        _write(file, text, force=force)
+        with file_errors(file):
+            write_or_print(file, text, replace=force)
     else:
         if file != "-":
             output.print_note("plant_init.interrupted", file=file)
         output.print_text(text.rstrip("\n"))
-    undecided = [
-        {"port": bus.port, "address": drive.address, "models": list(drive.candidates)}
-        for bus in found.buses
-        for drive in bus.drives
-        if drive.candidates
-    ]
     output.print_json(
         {
             "file": file if is_written or file == "-" else None,
             "plant": config.id,
             "drives": [drive.id for drive in config.drives],
-            "undecided": undecided,
+            "undecided": _undecided_json(found),
             **({} if is_written else {"toml": text}),
         }
     )
@@ -101,23 +93,14 @@ def _init(
     return code
 
 
-def _write(file: str, text: str, *, force: bool) -> None:
-    """Write the file. Raises ConfigurationError if it exists by now, or can't be written."""
-    with _file_errors(file):
-        write_or_print(file, text, replace=force)
-
-
-@contextmanager
-def _file_errors(file: str) -> Iterator[None]:
-    """Raise ConfigurationError for a file that exists or can't be written."""
-    from drivebus.errors import ConfigurationError, SystemReason
-
-    try:
-        yield
-    except FileExistsError:
-        raise ConfigurationError("plant_init.exists", file=file) from None
-    except OSError as error:
-        raise ConfigurationError("plant_init.unwritten", file=file, reason=SystemReason(error)) from error
+def _undecided_json(answers: PlantAnswers) -> list[Json]:
+    """Return the drives whose model is still to be chosen, each with the models that it may be."""
+    return [
+        {"port": bus.port, "address": drive.address, "models": list(drive.candidates)}
+        for bus in answers.buses
+        for drive in bus.drives
+        if drive.candidates
+    ]
 
 
 # --- a scan -------------------------------------------------------------------------------------------------------
@@ -159,6 +142,18 @@ async def _scan_ports(
             if found == []:  # None: it could not be scanned, as the error says
                 output.print_note("plant_init.no_drive", port=request.port)
     return scanned, code
+
+
+def _answers_of_scan(
+    scanned: list[tuple[str, list[DetectedDrive]]], named: tuple[str, ...], code: ExitCode
+) -> tuple[PlantAnswers, ExitCode]:
+    """Return the plant of a scan that ended with ``code``, and the exit code after the questions for its models."""
+    from drivebus.service.config.wizard import PlantAnswers
+
+    questions = ModelQuestions(is_interrupted=code is ExitCode.INTERRUPTED)
+    buses = tuple(_bus_answer(port, drives, named, questions) for port, drives in scanned)
+    found = PlantAnswers(output.text("plant_init.default_title"), buses)
+    return found, ExitCode.INTERRUPTED if questions.is_interrupted else code
 
 
 @dataclass

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +11,7 @@ from drivebus.cli import output
 from drivebus.cli.click_ext import Argument, CliCommand, Option
 from drivebus.cli.errors import ExitCode, print_error
 from drivebus.cli.prompts import prompt_text
-from drivebus.cli.written_file import check_writable, write_or_print
+from drivebus.cli.written_file import check_writable, file_errors, write_or_print
 from drivebus.values import half_width
 
 if TYPE_CHECKING:
@@ -31,7 +29,7 @@ def _new(*, file: str, table: str | None, answers_file: str | None, force: bool)
     from drivebus.errors import ProfileError
     from drivebus.testing import virtual_time
 
-    with _file_errors(file):
+    with file_errors(file):
         check_writable(file, replace=force)
     answers = _read_answers(answers_file) if answers_file is not None else {}
     try:
@@ -39,7 +37,8 @@ def _new(*, file: str, table: str | None, answers_file: str | None, force: bool)
     except click.Abort:
         return _save_unfinished(answers, file)
     rows = register_table.read_table(table, answers["numbering"]) if table is not None else []
-    _write(file, file_text.profile_toml(answers, rows, output.language()), force=force)
+    with file_errors(file):
+        write_or_print(file, file_text.profile_toml(answers, rows, output.language()), replace=force)
     try:
         profile = profiles.load(Path(file).resolve())
     except ProfileError as error:
@@ -151,28 +150,11 @@ def _save_unfinished(answers: dict[str, str], file: str) -> ExitCode:
     click.echo(err=True)
     if not answers:
         return ExitCode.INTERRUPTED
-    _write(answers_file, "".join(f"{name} = {toml_string(text)}\n" for name, text in answers.items()), force=True)
+    with file_errors(answers_file):
+        lines = (f"{name} = {toml_string(text)}\n" for name, text in answers.items())
+        write_or_print(answers_file, "".join(lines), replace=True)
     output.print_note("profile_new.left", count=len(answers), kept=answers_file, file=file)
     return ExitCode.INTERRUPTED
-
-
-def _write(file: str, text: str, *, force: bool) -> None:
-    """Write the file. Raises ConfigurationError if it exists by now, or can't be written."""
-    with _file_errors(file):
-        write_or_print(file, text, replace=force)
-
-
-@contextmanager
-def _file_errors(file: str) -> Iterator[None]:
-    """Raise ConfigurationError for a file that exists or can't be written."""
-    from drivebus.errors import ConfigurationError, SystemReason
-
-    try:
-        yield
-    except FileExistsError:
-        raise ConfigurationError("profile_new.exists", file=file) from None
-    except OSError as error:
-        raise ConfigurationError("profile_new.unwritten", file=file, reason=SystemReason(error)) from error
 
 
 def _print_trial(steps: list[TrialStep]) -> None:
