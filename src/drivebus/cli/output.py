@@ -163,7 +163,7 @@ def to_json_value(value: Any) -> Any:
         return sorted(value)
     if is_dataclass(value):
         return {field.name: getattr(value, field.name) for field in fields(value)}
-    return getattr(value, "value", None) if hasattr(value, "value") else str(value)
+    return value.value if hasattr(value, "value") else str(value)
 
 
 def join(parts: Iterable[str], kind: i18n.ListParts) -> str:
