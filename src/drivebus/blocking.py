@@ -32,6 +32,7 @@ from drivebus.drives.operations.loopback import LoopbackReport
 from drivebus.drives.operations.status import CommLossReport
 from drivebus.drives.outcome import Outcome
 from drivebus.drives.state import Direction, DriveStatus
+from drivebus.errors import Superseded
 from drivebus.profiles.model import DriveProfile
 from drivebus.values import Reading
 
@@ -265,6 +266,9 @@ class Drive:
         requested_at: float | None = None,
     ) -> JogSession:
         return JogSession(self._bus, self.drive.jog(frequency_hz, direction, lease_s, requested_at))
+
+    def withdraw_commands(self, why: Superseded) -> None:
+        self._bus.call(self.drive.withdraw_commands, why)
 
     def assume_model(self) -> None:
         self.drive.assume_model()

@@ -96,3 +96,23 @@ def test_requests_that_expire_in_the_queue_fail_in_the_order_of_their_submission
     script.run()
     assert [*script.results] == ["on the wire", "first", "second"]
     assert all(isinstance(script.results[token][-1].error, Expired) for token in ("first", "second"))
+
+
+def test_the_queued_command_of_a_station_is_withdrawn_with_its_reason_and_the_read_stays() -> None:
+    script = make_script(FakeStation())
+    script.submit(read_request(), "on the wire")
+    script.submit(write_request(script.core), "command")
+    script.submit(read_request(), "read")
+    script._perform(script.core.withdraw_commands(1, Superseded("bus.superseded", station=1), script.now))
+    script.run()
+    assert isinstance(script.results["command"][-1].error, Superseded)
+    assert script.results["read"][-1].error is None and len(script.sent) == 2
+
+
+def test_a_withdrawn_command_on_the_wire_gets_no_further_attempt() -> None:
+    station = FakeStation(alive=False)
+    script = make_script(station)
+    script.submit(write_request(script.core), "command")
+    script.run_until(script.now + 0.01)
+    script._perform(script.core.withdraw_commands(1, Superseded("bus.superseded", station=1), script.now))
+    assert script.result("command").attempts == 1

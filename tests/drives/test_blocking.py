@@ -27,6 +27,7 @@ LOOP_ONLY = {
     "trace",
     "now",
     "stop_epoch",
+    "withdraw_commands",
     "presence",
     "settings",
 }

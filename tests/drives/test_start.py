@@ -283,6 +283,19 @@ def test_a_stop_that_comes_while_a_start_waits_to_be_confirmed_ends_it() -> None
     assert len(bus.sent(sunfar.SunfarControl)) == 1
 
 
+def test_a_withdrawn_start_without_reply_is_not_resent_and_its_effect_is_still_read() -> None:
+    bus, op = c320(FakeC320(on_command=lambda fake, request: None))
+
+    def is_withdrawn(ask: Any) -> None:
+        if isinstance(ask.request, sunfar.SunfarControl):
+            op.drive.withdrawal = Superseded("drives.superseded")
+
+    bus.on_request = is_withdrawn
+    outcome = start(bus, op)
+    assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.start_ignored")
+    assert len(bus.sent(sunfar.SunfarControl)) == 1
+
+
 def test_a_drive_that_falls_silent_after_the_start_leaves_the_outcome_unknown() -> None:
     def dies(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
         fake.silent = True

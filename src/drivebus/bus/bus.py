@@ -217,6 +217,13 @@ class Bus:
         """Return whether a start inhibit applies to this station. Raises KeyError."""
         return self.core.stations[address].start_inhibited
 
+    def withdraw_commands(self, address: int, error: Exception) -> None:
+        """Fail the commands of this station that have not been sent yet with this error; reads and stops go on.
+
+        Raises KeyError.
+        """
+        self._perform(self.core.withdraw_commands(address, error, self.now()))
+
     # --- traffic -------------------------------------------------------------------------------------------------
 
     async def transact(self, bus_request: BusRequest) -> BusResult:

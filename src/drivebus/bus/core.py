@@ -244,6 +244,16 @@ class BusCore:
         self._withdraw(token)
         return self._advance(now)
 
+    def withdraw_commands(self, address: int, error: Exception, now: float) -> list[CoreCommand]:
+        """Fail the queued commands of a station with an error; one on the wire gets no further attempt."""
+        station = self.stations[address]
+        for prepared in self.scheduler.remove_commands((station,)):
+            self._complete(prepared, copy_error(error))
+        on_wire = None if self.transaction is None else self.transaction.prepared
+        if on_wire is not None and on_wire.station is station and on_wire.permit is not None:
+            on_wire.max_attempts = on_wire.attempts
+        return self._advance(now)
+
     def start_polling(self, address: int, polls: Sequence[Poll], token: Any, now: float) -> list[CoreCommand]:
         """Send these polls until ``stop_polling``; each result is a DeliverResult. Raises KeyError, ValueError."""
         station = self.stations[address]

@@ -16,7 +16,7 @@ stopped, the one whose last stop is longest ago goes first, so that no stop wait
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from heapq import heapify, heappop, heappush, heapreplace
 
 from drivebus.bus.messages import BusRequest, RequestPriority
@@ -226,7 +226,11 @@ class Scheduler:
         stopped = set(stations)
         for station in stopped:
             station.stop_epoch += 1
-        return self.remove_if(lambda prepared: prepared.station in stopped and _is_command(prepared))
+        return self.remove_commands(stopped)
+
+    def remove_commands(self, stations: Collection[Station]) -> list[PreparedRequest]:
+        """Remove the queued commands of stations and return them."""
+        return self.remove_if(lambda prepared: prepared.station in stations and _is_command(prepared))
 
     def remove_station(self, station: Station) -> None:
         """Forget a station that leaves the bus."""
@@ -338,5 +342,5 @@ def _sync_due_since(station: Station) -> float:
 
 
 def _is_command(prepared: PreparedRequest) -> bool:
-    """Return whether a stop of its station withdraws the request; a stop has another priority, whatever was given."""
+    """Return whether a request is withdrawn with the commands of its station; a stop, of another priority, never is."""
     return prepared.priority is COMMAND or prepared.effect is Effect.MOTION

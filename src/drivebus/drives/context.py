@@ -12,7 +12,7 @@ from drivebus.drives.operations.steps import BusConditions, DriveOperation, Upda
 from drivebus.drives.permissives import CommandKind, DriveCommand
 from drivebus.drives.state import Direction
 from drivebus.drives.store import Store
-from drivebus.errors import CapabilityError, ConfigurationError, EepromBudgetExceeded, LimitError
+from drivebus.errors import CapabilityError, ConfigurationError, EepromBudgetExceeded, LimitError, Superseded
 from drivebus.values import Text
 
 DEFAULT_EEPROM_WRITES_PER_DAY = 20  # of one parameter: an EEPROM of 100,000 writes lasts 13 years, of 10,000 1.4
@@ -142,6 +142,7 @@ class DriveContext:
     was_this_model: bool = False  # the stored record names this model
     contact_losses: int = 0  # of the station when it last answered: a later loss voids the pre-flight check
     model_assumed: bool = False  # the user states that the station is of this model: its stops are sent unread
+    withdrawal: Superseded | None = None  # why the commands that were under way at that moment are not continued
     on_read: Callable[[BusResult], None] = lambda _result: None  # called with every read of an operation
 
     def create_command(self, kind: CommandKind, conditions: BusConditions) -> DriveCommand:

@@ -30,6 +30,7 @@ from drivebus.drives.runner import OperationRunner
 from drivebus.drives.state import Direction, DriveStatus
 from drivebus.drives.stop_supervisor import StopSupervisor
 from drivebus.drives.store import FileStore, MemoryStore, Store, default_path, drive_key
+from drivebus.errors import Superseded
 from drivebus.ports.base import Port, drive_options
 from drivebus.profiles.model import DriveProfile
 from drivebus.serial_settings import StationTiming
@@ -295,6 +296,14 @@ class Drive:
         except KeyError:  # the drive was removed
             return False
         return self.dialect.model_check() is None and not is_offline and not was_lost
+
+    def withdraw_commands(self, why: Superseded) -> None:
+        """Send no further frame of the commands under way: they fail with the error ``why``.
+
+        What was sent is still confirmed by reads; stops go on, and so does a ramp hold, to its end.
+        """
+        self._context.withdrawal = why
+        self.bus.withdraw_commands(self.address, why)
 
     async def stop(self, *, wait: bool = True) -> Outcome:
         """Stop along the ramp. Raises StopUnconfirmed where the drive does not report it; the stop is then repeated.

@@ -217,8 +217,10 @@ def test_a_standstill_that_was_read_before_a_start_frame_does_not_end_the_alarm_
             arm = (await kit.call("drive.arm", ANN, drive="fan-1"))["arm_token"]
             run_call = kit.call("drive.run", ANN, drive="fan-1", frequency_hz=20.0, arm_token=arm)
             starting = asyncio.create_task(run_call)
-            while not starting.done() and plant.drives["fan-1"].last_motion_at != inf:  # noqa: ASYNC110  an attribute has no event
+            while kit.station("fan-1").motor.starts == 0:  # noqa: ASYNC110  the simulated drive has no event
                 await asyncio.sleep(0.001)
+            assert plant.drives["fan-1"].last_motion_at == inf
+            assert plant.drives["fan-1"].status().state is DriveState.STOPPED, "the case is not played"
             kit.service.policies.end_control(ANN.session, "rights")
             kit.service.policies.on_status(plant.drives["fan-1"], plant.drives["fan-1"].status())
             assert [one.kind for one in plant.alarms.active()] == [SystemAlarm.CONTROL_LOST]

@@ -111,6 +111,7 @@ class OperationContext:
         self.drive, self.dialect = drive, drive.dialect
         self._sync_request = sync_request or drive.dialect.sync_request
         self.age = CommandAge(requested_at, checks_started_at)
+        self._earlier_withdrawal = drive.withdrawal
         self.stop_epoch = stop_epoch  # of the request, plus the stops sent here; None: of ``create_command``
         self.reading_pairs = ReadingPairs()
         self.derived: DerivedState = STATE_NOT_READ
@@ -364,6 +365,8 @@ class OperationContext:
             return None
         if not self.dialect.is_allowed(data):
             raise NotPermitted("drives.not_listed", frame=data.hex(" ").upper())
+        if command.kind is not CommandKind.RAMP_HOLD:  # the end of a hold is one of its commands
+            self._check_not_withdrawn()
         conditions = yield from get_bus_conditions()
         return permissives.grant_permit(
             PermitInputs(
@@ -376,6 +379,14 @@ class OperationContext:
                 evidence=self.evidence(),
             )
         )
+
+    def _check_not_withdrawn(self) -> None:
+        """Raise Superseded, with the frames that were sent, where the command was withdrawn since it began."""
+        why = self.drive.withdrawal
+        if why is not None and why is not self._earlier_withdrawal:
+            error = Superseded(why.key, **why.params)
+            error.outcome = self.outcome(OutcomeStatus.FAILED, why.key, **why.params)
+            raise error
 
     def send_command(self, command: DriveCommand, frame: CommandFrame) -> DriveOperation[BusResult]:
         """Send one frame that is neither a read nor a stop, if it gets a permit."""

@@ -16,6 +16,7 @@ from drivebus.drives.operations.status import complete_status
 from drivebus.drives.speed_progress import SpeedDifference
 from drivebus.drives.state import STATE_NOT_READ
 from drivebus.drives.store import Store
+from drivebus.errors import Superseded
 from drivebus.service.config.bus_load import polled_names, polls_of, with_periods
 from drivebus.service.config.model import DriveConfig
 from drivebus.service.live.views import Sample, StopObject
@@ -91,6 +92,10 @@ class DriveRuntime:
         self.unnamed_fault_at: float | None = None
         """Monotonic time since which it has reported a fault without a code."""
         self._last_sampled: dict[str, float | None] = {}
+
+    def withdraw_commands(self) -> None:
+        """Send nothing more of the commands of a session that has lost control."""
+        self.drive.withdraw_commands(Superseded("plant.control_ended_meanwhile", drive=self.id))
 
     @property
     def runs_for_service(self) -> bool:
