@@ -16,7 +16,7 @@ from drivebus import errors, i18n, profiles
 from drivebus.bus import Bus
 from drivebus.bus.messages import BusRequest, BusResult
 from drivebus.cli import connect
-from drivebus.cli.commands import calibrate, run
+from drivebus.cli.commands import calibrate, comm_loss_test, run
 from drivebus.cli.connect import Target
 from drivebus.cli.drive_command import must_stop_after
 from drivebus.cli.errors import ExitCode
@@ -243,7 +243,8 @@ class ScriptedClient:
                 raise error_from_json(error_to_json(self.error))
         self.stops += operation == "drive.stop"
         done = outcome_json(Outcome(status=OutcomeStatus.CONFIRMED, key=KEY))
-        return {"outcome": done, "lease": {"session": "a"}, "arm_token": "b"}
+        drive = {"address": 1, "model": "c320", "comm_loss": {"tested": None, "test": None}}
+        return {"outcome": done, "lease": {"session": "a"}, "arm_token": "b", "silence_s": 2.0, **drive}
 
     async def close(self) -> None: ...
 
@@ -292,6 +293,52 @@ def test_an_arming_whose_answer_is_lost_is_followed_by_no_stop() -> None:
     """The drive may be run by another user."""
     client = ScriptedClient("drive.arm", ServiceUnavailable("plant.gone"))
     assert isinstance(run_remotely(client), OutcomeUnknown) and client.stops == 0
+
+
+def run_test_remotely(client: ScriptedClient, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Return the exit code of a communication-loss test, or its error."""
+
+    @asynccontextmanager
+    async def open_client(_: str) -> AsyncIterator[Any]:
+        yield client
+
+    monkeypatch.setattr("drivebus.cli.remote.client.open_client", open_client)
+    try:
+        return asyncio.run(comm_loss_test._connect_and_test("service", "fan-1", 5.0, 2.0, yes=True))
+    except DrivebusError as error:
+        return error
+
+
+@pytest.mark.parametrize("key", sorted(LOST_KEYS))
+def test_a_communication_loss_test_whose_start_is_lost_is_followed_by_a_stop(
+    monkeypatch: pytest.MonkeyPatch, key: str
+) -> None:
+    """The command ended, and the motor may have been running until the service missed its user."""
+    client = ScriptedClient("comm_loss.test", ServiceUnavailable(key))
+    assert isinstance(run_test_remotely(client, monkeypatch), OutcomeUnknown) and client.stops == 1
+
+
+@pytest.mark.parametrize("failing", ["lease.take", "drive.arm", "comm_loss.test"])
+def test_a_communication_loss_test_that_the_service_refuses_is_followed_by_no_stop(
+    monkeypatch: pytest.MonkeyPatch, failing: str
+) -> None:
+    client = ScriptedClient(failing, ControlNotHeld("plant.no_lease", drive="fan-1"))
+    assert isinstance(run_test_remotely(client, monkeypatch), ControlNotHeld) and client.stops == 0
+
+
+def test_a_communication_loss_test_whose_service_is_lost_meanwhile_is_followed_by_a_stop(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It ended as if nothing had been started, without a word on the motor."""
+
+    async def lost(_: Any) -> Any:
+        raise ServiceUnavailable("plant.not_there", socket="plant.sock")
+
+    monkeypatch.setattr(comm_loss_test, "_result", lost)
+    client = ScriptedClient("", ServiceUnavailable(KEY))
+    assert run_test_remotely(client, monkeypatch) is ExitCode.FAILED and client.stops == 1
+    shown = capsys.readouterr()
+    assert "plant.sock" in shown.err and i18n.text(KEY, "en") in shown.out
 
 
 def test_a_drive_that_another_user_has_taken_over_gets_no_stop(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from drivebus.cli import options, output
 from drivebus.cli.background_output import background_output
 from drivebus.cli.click_ext import CliCommand, Option
-from drivebus.cli.drive_command import stop_and_print
-from drivebus.cli.errors import ExitCode
+from drivebus.cli.drive_command import must_stop_after, stop_and_print
+from drivebus.cli.errors import ExitCode, report_error
 from drivebus.cli.prompts import confirm
 from drivebus.types import Json
 
@@ -33,10 +33,12 @@ def _test(*, service: str, drive: str, frequency: float, silence: float | None, 
 async def _connect_and_test(
     service: str, name: str, frequency_hz: float, silence_s: float | None, *, yes: bool
 ) -> ExitCode:
+    """Ask, start the test and wait for its result; a stop follows whatever ends it before."""
     from drivebus import profiles
     from drivebus.cli.remote.client import open_client
     from drivebus.cli.remote.drive import RemoteBus, RemoteDrive
     from drivebus.cli.signals import shutdown_signals
+    from drivebus.errors import DrivebusError
     from drivebus.service.api.operations.drives import DRIVES_GET
 
     async with open_client(service) as client:
@@ -47,16 +49,29 @@ async def _connect_and_test(
         drive = RemoteDrive(client, name, view["address"], profiles.load(view["model"]))
         with shutdown_signals(may_suspend=False) as shutdown:
             try:
-                started = await drive.test_comm_loss(frequency_hz, silence_s)
+                started = await _start(drive, frequency_hz, silence_s)
                 with output.continue_without_output():  # the motor runs: only its stop may end the test
                     output.print_note("comm_loss_test.started", seconds=f"{started['silence_s']:g}")
-                found = await shutdown.interruptible(_result(drive))
+                try:
+                    found = await shutdown.interruptible(_result(drive))
+                except DrivebusError as error:
+                    return await stop_and_print(RemoteBus(), drive, report_error(error))
                 if shutdown.received or found is None:
                     return await stop_and_print(RemoteBus(), drive, ExitCode.INTERRUPTED)
             finally:
                 await drive.close()
         with output.continue_without_output():  # it is over, and recorded
             return _print_result(name, found, view["comm_loss"]["tested"])
+
+
+async def _start(drive: RemoteDrive, frequency_hz: float, silence_s: float | None) -> Json:
+    """Start the test. Where it fails and its motor may be running, the drive is stopped before the error is raised."""
+    try:
+        return await drive.test_comm_loss(frequency_hz, silence_s)
+    except BaseException as error:
+        if must_stop_after(error):
+            await drive.stop()
+        raise
 
 
 async def _result(drive: RemoteDrive) -> Json:
