@@ -360,6 +360,28 @@ async def test_a_source_runs_in_its_own_thread_and_its_failure_is_raised() -> No
         await ThreadedRowSource(Broken()).start()
 
 
+async def test_rows_whose_source_has_failed_are_not_shown_as_if_they_were_current() -> None:
+    """The last rows stayed on the screen, with the ages that they had at the failure."""
+
+    class Failing(FakeRowSource):
+        is_broken = False
+
+        def drives(self) -> list[DriveRow]:
+            if self.is_broken:
+                raise ValueError("broken")
+            return super().drives()
+
+    source = Failing()
+    threaded = ThreadedRowSource(source)
+    await threaded.start()
+    await until(lambda: bool(threaded.drives()))
+    source.is_broken = True
+    with pytest.raises(ValueError, match="broken"):
+        await until(lambda: not threaded.drives())
+    await threaded.close()
+    assert source.closed
+
+
 async def until(condition: Callable[[], bool]) -> None:
     """Wait for a condition, at most until the timeout of the test."""
     while not condition():  # noqa: ASYNC110

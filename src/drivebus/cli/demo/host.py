@@ -154,7 +154,7 @@ async def _announce_and_play(
         await asyncio.wait({address}, timeout=PAGE_TIMEOUT_S)
         if not address.done():
             output.print_note("demo.web_late", limit_s=f"{PAGE_TIMEOUT_S:g}")
-        await _play(config, plant, OPENING + PAGE_CONTINUATION, None, lambda message: None, on_step=show)
+        await _play(config, plant, OPENING + PAGE_CONTINUATION, None, report=lambda message: None, on_step=show)
         await address
         await asyncio.sleep(LAST_CAPTION_S)
         show(None)
@@ -185,6 +185,7 @@ async def _play(
     plant: DemoPlant,
     steps: tuple[ScriptStep, ...],
     end_s: float | None,
+    *,
     report: Callable[[str], None],
     on_player: Callable[[ScriptPlayer], None] = lambda player: None,
     on_step: Callable[[ScriptStep], None] = lambda step: None,
@@ -310,7 +311,12 @@ async def _serve_parent(config: PlantConfig, plant: DemoPlant) -> None:
     reading = asyncio.create_task(read_parent())
     send({"socket": str(socket_path(config.directory, SERVICE_SOCKET))})
     await _play(
-        config, plant, OPENING + TERMINAL_CONTINUATION, END_S, lambda text: send({"message": text}), players.append
+        config,
+        plant,
+        OPENING + TERMINAL_CONTINUATION,
+        END_S,
+        report=lambda text: send({"message": text}),
+        on_player=players.append,
     )
     if not players[0].taken_over:
         send({"finished": True})

@@ -76,6 +76,8 @@ class ThreadedRowSource:
                     await asyncio.wait_for(self._shutdown.wait(), SNAPSHOT_PERIOD_S)
                 except TimeoutError:
                     continue
+        except Exception as error:
+            self._failure = error
         finally:
             await self._source.close()
 
@@ -89,6 +91,9 @@ class ThreadedRowSource:
         return self._snapshot.now
 
     def drives(self) -> Sequence[DriveRow]:
+        """Return the newest rows. Raises the error that ended the source: its rows would stay, and never grow old."""
+        if self._failure is not None:
+            raise self._failure
         return self._snapshot.drives
 
     def buses(self) -> Sequence[BusRow]:
