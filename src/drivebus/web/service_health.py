@@ -1,8 +1,9 @@
-"""``ServiceHealth``: whether the service behind the web gateway answers."""
+"""``ServiceHealth``: whether the service behind the web gateway answers, and what it can't write."""
 
 from __future__ import annotations
 
 import asyncio
+import json
 from math import inf
 
 from drivebus.errors import DrivebusError, ServiceUnavailable
@@ -22,22 +23,22 @@ class ServiceHealth:
     def __init__(self, client: ServiceClient) -> None:
         self._client = client
         self._checked_at = -inf
-        self._check_task: asyncio.Task[bool] | None = None
+        self._check_task: asyncio.Task[list[str] | None] | None = None
 
-    async def service_answers(self) -> bool:
-        """Return whether the service has answered within ``HEALTH_TIMEOUT_S``."""
+    async def write_failures(self) -> list[str] | None:
+        """Return what the service can't write; None where it has not answered within ``HEALTH_TIMEOUT_S``."""
         now = asyncio.get_running_loop().time()
         if self._check_task is None or (self._check_task.done() and now - self._checked_at >= HEALTH_INTERVAL_S):
             self._checked_at = now
             self._check_task = asyncio.create_task(self._check(), name="health")
         return await asyncio.shield(self._check_task)
 
-    async def _check(self) -> bool:
+    async def _check(self) -> list[str] | None:
         try:
             async with asyncio.timeout(HEALTH_TIMEOUT_S):
-                await self._client.call_json(PLANT_GET.name, {}, HEALTH_ACTOR)
+                plant = json.loads(await self._client.call_json(PLANT_GET.name, {}, HEALTH_ACTOR))
         except (TimeoutError, ServiceUnavailable):
-            return False
+            return None
         except (DrivebusError, ServiceErrorReply):
-            return True
-        return True
+            return []
+        return list(plant.get("write_failures", ()))

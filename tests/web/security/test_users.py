@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import errno
+import os
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +15,10 @@ from drivebus.service.api.operations import Audit, Operation
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S, SESSION_LIFETIME_S
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
+from drivebus.values import Text
 from drivebus.web.operations import WEB_OPERATIONS
 from drivebus.web.service_health import HEALTH_INTERVAL_S
+from fixtures.service import running_service
 from fixtures.web_app import PASSWORD, WebAppHarness
 
 DAY_MS = 86_400_000
@@ -72,7 +76,27 @@ def test_a_change_that_requires_an_audit_record_is_recorded_or_not_made(operatio
 
 def test_the_health_check_needs_no_credential(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
-    assert run(done(harness.client(), "GET", "/health")) == {"ok": True}
+    assert run(done(harness.client(), "GET", "/health")) == {"ok": True, "write_failures": []}
+
+
+def test_the_health_check_names_what_can_not_be_written_while_drives_are_still_controlled(tmp_path: Path) -> None:
+    """A supervisor saw {"ok": true} while nothing was recorded any more. The reasons are for users: in the alarms."""
+    found: list[Json] = []
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            client = WebAppHarness(tmp_path, service=kit.service).client()
+            for full in (True, False):
+                error = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) if full else None
+                kit.history.problem = Text("the disk is full", "磁盘已满") if full else None
+                kit.trail.error = kit.trail.checkpoint_error = kit.service.incidents.recorder.error = error
+                await asyncio.sleep(6)
+                found.append(await done(client, "GET", "/health"))
+                assert (await kit.call("drive.stop", drive="fan-1"))["outcome"]["status"] == "confirmed"
+
+    run(scenario())
+    names = ["audit.jsonl", "checkpoints.jsonl", "history", "incidents"]
+    assert found == [{"ok": True, "write_failures": names}, {"ok": True, "write_failures": []}]
 
 
 def test_the_health_check_fails_while_the_service_does_not_answer_and_asks_it_once(

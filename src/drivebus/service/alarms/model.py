@@ -64,6 +64,8 @@ SYSTEM_ALARM_PRIORITIES: Mapping[SystemAlarm, AlarmPriority] = {
 }
 
 
+WRITE_FAILURE_ALARMS = (SystemAlarm.AUDIT_FAILURE, SystemAlarm.STORAGE_FAILURE)
+"""Alarms whose subject can't be written."""
 SYSTEM_ALARM_KINDS = frozenset(map(str, SystemAlarm))
 AlarmKey = tuple[str, str, str, str]
 """Kind, configuration id, drive, subject. At most one alarm of a key is raised at a time."""

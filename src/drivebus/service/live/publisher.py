@@ -176,6 +176,7 @@ def plant_topic(plant: Plant) -> Json:
         "started_ms": plant.started_ms,
         "audit_ok": plant.audit.ok,
         "history_ok": plant.historian.ok,
+        "write_failures": plant.write_failures(),
         "disk": plant.disk_space,
         "gateways": [plant.gateways[name].as_json() for name in sorted(plant.gateways)],
     }

@@ -14,6 +14,7 @@ from drivebus.drives.state import DriveStatus
 from drivebus.drives.store import Store
 from drivebus.errors import NotFound, ServiceError
 from drivebus.service.alarms import AlarmChange, AlarmEngine, SystemAlarm
+from drivebus.service.alarms.model import WRITE_FAILURE_ALARMS
 from drivebus.service.api.errors import localized
 from drivebus.service.api.frames import frame_json
 from drivebus.service.audit import AuditTrail
@@ -298,6 +299,14 @@ class Plant:
     def clear_alarm(self, kind: SystemAlarm, drive: str = "", *, subject: str = "") -> None:
         """Clear a system alarm; there may be none."""
         self.publish_alarms(self.alarms.clear_alarm(kind, drive, self.wall_ms(), subject=subject))
+
+    def write_failures(self) -> list[str]:
+        """Return the files, and the history, that can't be written at present."""
+        return sorted(
+            alarm.subject
+            for alarm in self.alarms.active()
+            if alarm.kind in WRITE_FAILURE_ALARMS and alarm.cleared_ms is None
+        )
 
     def publish_alarms(self, changes: Sequence[AlarmChange]) -> None:
         """Publish changes of alarms as events, except the link to an incident, which the alarm itself shows."""

@@ -10,9 +10,14 @@ from drivebus.values import Text
 
 
 class HealthResponse(ApiObject):
-    """Answer of the gateway; ``ok`` is false, with status 503, where the service does not answer within 2 s."""
+    """Answer of the gateway; ``ok`` is false, with status 503, where the service does not answer within 2 s.
+
+    ``write_failures``, as in the state of the plant: what the service can't write at present. Drives are stopped all
+    the same, and started while the audit trail can be written.
+    """
 
     ok: bool
+    write_failures: list[str] = []
 
 
 class OpenApiResponse(ApiObject):

@@ -18,8 +18,10 @@ from drivebus.web.operations.description import HEALTH_GET, METRICS_GET, OPENAPI
 
 @handles(HEALTH_GET)
 async def get_health(request: Request, params: NoParams) -> Response:
-    ok = await context_of(request).health.service_answers()
-    return JSONResponse({"ok": ok}, HTTPStatus.OK if ok else HTTPStatus.SERVICE_UNAVAILABLE)
+    write_failures = await context_of(request).health.write_failures()
+    if write_failures is None:
+        return JSONResponse({"ok": False}, HTTPStatus.SERVICE_UNAVAILABLE)
+    return JSONResponse({"ok": True, "write_failures": write_failures})
 
 
 @handles(OPENAPI_GET)

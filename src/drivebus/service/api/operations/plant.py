@@ -91,7 +91,10 @@ class GatewayObject(ApiObject):
 
 
 class PlantResponse(ApiObject):
-    """State of the plant. ``stop_all``: the last stop of everything since the service started."""
+    """State of the plant. ``stop_all``: the last stop of everything since the service started.
+
+    ``write_failures``: the files, and the history, that can't be written at present; each has an alarm with the reason.
+    """
 
     id: str
     title: LocalizedText
@@ -102,6 +105,7 @@ class PlantResponse(ApiObject):
     started_ms: int
     audit_ok: bool
     history_ok: bool
+    write_failures: list[str]
     disk: DiskObject
     gateways: list[GatewayObject]
 
