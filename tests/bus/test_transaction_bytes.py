@@ -61,6 +61,16 @@ def test_a_transaction_begins_with_the_computed_times_and_ends_at_its_deadline()
     assert error.params == {"station": 1, "attempt": 1, "bytes": 0, "milliseconds": wait_ms}
 
 
+@pytest.mark.parametrize(("age_s", "named"), [(0.25, True), (1.0, True), (1.1, False)])
+def test_silence_after_a_recent_reply_tells_the_age_of_that_reply(age_s: float, named: bool) -> None:
+    """Address and serial settings of such a station are right, and need no check."""
+    transaction = make_transaction()
+    transaction.prepared.station.last_reply_at = transaction.sent_at - age_s
+    error = transaction.final_error()
+    assert isinstance(error, NoReply) and error.key == ("bus.no_reply_to_next" if named else "bus.no_reply")
+    assert error.params.get("since_ms") == (round(age_s * 1000) if named else None)
+
+
 def test_a_complete_reply_is_accepted_after_the_gap() -> None:
     transaction = make_transaction()
     transaction.on_data(REPLY, 1.05)

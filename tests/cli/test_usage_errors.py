@@ -19,7 +19,7 @@ from drivebus.cli import errors, extras, output
 from drivebus.cli.main import cli
 from drivebus.drives.permissives import CommandKind
 from drivebus.drives.state import DriveState
-from drivebus.errors import DrivebusError, StartInhibited
+from drivebus.errors import DrivebusError, StartInhibited, StopUnconfirmed
 from drivebus.service.auth.errors import AccessDenied
 from drivebus.service.auth.rights import Right
 from fixtures.service import SHOP_FILE
@@ -131,6 +131,18 @@ def test_a_write_that_doubled_replies_withhold_names_a_repeater_in_its_remedy(
     hint = errors.error_hint(StartInhibited("drives.duplicate", station=1)) or ""
     assert hint == i18n.text("hint.bus.second_reply", language)
     assert ("repeater" if language == "en" else "中继器") in hint
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_after_a_stop_whose_replies_ended_no_address_is_searched_for(
+    language: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The hint led to a scan for the address, although the drive had just reported its state at that address."""
+    monkeypatch.setattr("drivebus.cli.output.language", lambda: language)
+    error = StopUnconfirmed("drives.stop_reply_lost", found="running", failures=3)
+    hint = errors.error_hint(error) or ""
+    assert "drivebus status" in hint and "scan" not in hint
+    assert ("at its keypad" if language == "en" else "在操作面板上停机") in hint
 
 
 @pytest.mark.parametrize("line", ["status fan-1", "stop fan-1"])

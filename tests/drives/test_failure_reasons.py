@@ -16,6 +16,7 @@ from drivebus.errors import DrivebusError, PreflightError
 from drivebus.protocols.checksum import sum16
 from drivebus.protocols.modbus.rtu import build_frame
 from drivebus.simulator.port import simulated_bus_of
+from drivebus.simulator.wire import Transmission
 from fixtures.drives import MODELS, SAFE_HZ, SimulatedDrives, run_virtual
 
 Replies = tuple[tuple[float, bytes], ...]
@@ -104,6 +105,37 @@ def test_a_reply_that_is_not_accepted_is_named_and_not_called_silence(
 @pytest.mark.parametrize("model", ["c320", "vc660", "dzb100"])
 def test_a_second_reply_during_the_next_request_is_named_and_no_foreign_master(model: str) -> None:
     assert_named(errors_of(model, lambda bench: replace_replies(bench, doubled_later)), "bus.second_reply")
+
+
+@pytest.mark.parametrize("model", ["c320", "vc660", "dzb100"])
+def test_a_request_that_an_unseen_second_reply_destroys_is_not_answered_with_check_the_address(model: str) -> None:
+    """An adapter that is deaf while it sends shows nothing of a second reply that begins with the next request.
+
+    From a VC660 that never answered otherwise, only replies came that equal their requests: maybe the adapter's echo.
+    """
+
+    def deafen(bench: SimulatedDrives) -> None:
+        wire = simulated_bus_of(bench.port).wire
+        station, collide = bench.station(), wire._collide
+        replace_replies(bench, lambda reply: ((0.0, reply), (0.008, reply)))
+
+        def collide_unseen(transmission: Transmission) -> None:
+            collide(transmission)
+            for recent in wire._recent:
+                for reply, request in ((recent, transmission), (transmission, recent)):
+                    overlaps = reply.start < request.end and request.start < reply.end
+                    if reply.source is station and request.source is not station and overlaps:
+                        reply.dropped.update(range(len(reply.data)))
+
+        wire._collide = collide_unseen  # type: ignore[method-assign]
+
+    errors = errors_of(model, deafen)[2 if model == "vc660" else 0 :]
+    assert_named(errors, "bus.no_reply_to_next")
+    for error in errors:
+        assert 0 <= error.params["since_ms"] < 20
+        assert f"its last reply had come {error.params['since_ms']} ms before this request" in error.text("en")
+        hint = error_hint(error) or ""
+        assert "address, baud rate and format are right" in hint and "sends each frame twice" in hint
 
 
 @pytest.mark.parametrize("echo", ["detect", "off"])

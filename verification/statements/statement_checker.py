@@ -181,13 +181,15 @@ class StatementChecker:
     def _line_contradictions(self, statement: Statement, recent: list[Exchange]) -> Iterator[str]:
         params = statement.params
         match statement.key:
-            case "bus.no_reply":
+            case "bus.no_reply" | "bus.no_reply_to_next":
                 window_s = params["milliseconds"] / 1000
                 times = [at for at, _ in self.line.deliveries]
                 if not any(not any(e.at < at < e.at + window_s - 0.001 for at in times) for e in recent):
                     yield "bytes followed each request in that time"
                 if params["attempt"] > len(recent):
                     yield f"only {len(recent)} requests"
+                if "since_ms" in params and not self._replied_before(params["since_ms"], recent):
+                    yield f"no request came {params['since_ms']} ms after a reply"
             case "drives.stop_unusable_replies":
                 if not any(isfinite(e.reply_at) for e in recent):
                     yield "nothing was received"
@@ -222,6 +224,16 @@ class StatementChecker:
         """Return whether a whole positive reply was delivered before the statement, in its time or a little late."""
         whole = exchange.is_clean or (exchange.line_fault == "late" and exchange.reply_at <= statement.ended_at)
         return whole and exchange.reaction is not None and not exchange.reaction.rejected
+
+    def _replied_before(self, milliseconds: int, recent: list[Exchange]) -> bool:
+        """Return whether a request was sent so long after a reply of the drive."""
+        begins = [e.at - len(e.request) * self.line.settings.character_s for e in recent]
+        return any(
+            abs((began - replied.reply_at) * 1000 - milliseconds) <= 1
+            for began in begins
+            for replied in self.line.exchanges
+            if isfinite(replied.reply_at)
+        )
 
     @staticmethod
     def _is_tail(text: str, recent: list[Exchange]) -> bool:

@@ -29,6 +29,8 @@ from drivebus.errors import (
 )
 from drivebus.protocols.codec import CompleteIfSilent, DecodeResult, Incomplete
 
+RECENT_REPLY_S = 1.0  # a station that replied so shortly before has the right address and serial settings
+
 
 class EchoFilter:
     """Filter of the echo of one frame. ``tentative``: a mismatch only means that there is no echo."""
@@ -148,18 +150,21 @@ class Transaction:
             return None
         withheld = 0 if self.echo is None or self.echo.is_complete else self.echo.matched
         count = len(self.buffer) + withheld  # a cut reply may begin like our own frame
-        return NoReply(
-            "bus.truncated" if count else self._nothing_received_key(),
-            station=self.prepared.station.address,
-            attempt=self.prepared.attempts,
-            bytes=count,
-            milliseconds=round((self.deadline - self.tx_end_at) * 1000),
-        )
-
-    def _nothing_received_key(self) -> str:
-        """Return the error without any byte beside the echo, which may have been a reply that equals the request."""
+        params = {
+            "station": self.prepared.station.address,
+            "attempt": self.prepared.attempts,
+            "bytes": count,
+            "milliseconds": round((self.deadline - self.tx_end_at) * 1000),
+        }
+        if count:
+            return NoReply("bus.truncated", **params)
         echoed = self.echo is not None and self.echo.is_complete and bool(self.echo.sent)
-        return "bus.only_own_frame" if echoed and self.prepared.is_mirrorable() else "bus.no_reply"
+        if echoed and self.prepared.is_mirrorable():  # the echo may have been a reply that equals the request
+            return NoReply("bus.only_own_frame", **params)
+        last_reply_at = self.prepared.station.last_reply_at
+        if last_reply_at is None or self.sent_at - last_reply_at > RECENT_REPLY_S:
+            return NoReply("bus.no_reply", **params)
+        return NoReply("bus.no_reply_to_next", **params, since_ms=round((self.sent_at - last_reply_at) * 1000))
 
     def earliest_useful_at(self) -> float | None:
         """Return the time before which the reply is probably not complete; None: any byte may matter.

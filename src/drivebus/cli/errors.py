@@ -63,7 +63,6 @@ _SHARED_HINTS = {
     "drives.confirm_serial": "drives.confirm_address",
     "drives.confirm_source": "drives.confirm_address",
     "drives.eeprom_clock": "drives.eeprom_budget",
-    "drives.stop_reply_lost": "drives.stop_no_reply",
     "drives.stop_rejected_running": "drives.stop_rejected",
     "plant.waiver_needed_tested": "plant.waiver_needed",
     "plant.waiver_of_another": "plant.waiver_needed",
