@@ -30,6 +30,15 @@ def parse_decimal(text: str) -> float:
     return float(text)
 
 
+_TRUE, _FALSE = frozenset({"true", "yes", "on", "1"}), frozenset({"false", "no", "off", "0"})
+
+
+def parse_boolean(text: str) -> bool | None:
+    """Return what a user typed for on or off (yes, true, 1, no, false, 0) in any case; None for another word."""
+    word = text.lower()
+    return True if word in _TRUE else False if word in _FALSE else None
+
+
 _HALF_WIDTH = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {
     ord(full): half for full, half in zip("\u3000。、“”‘’【】—–−", " .,\"\"''[]---", strict=True)
 }

@@ -9,6 +9,7 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import output
+from drivebus.values import parse_boolean
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus
@@ -76,13 +77,10 @@ def reject_unknown_option(model: str, name: str, option_names: Collection[str]) 
         raise ConfigurationError("cli.option_unknown", model=model, found=name, expected=tuple(option_names))
 
 
-_BOOLEANS = {"true": True, "yes": True, "on": True, "1": True, "false": False, "no": False, "off": False, "0": False}
-
-
 def _convert_like(text: str, like: Any) -> Any:
     """Convert ``text`` to the type of ``like``; None if that is not possible."""
     if isinstance(like, bool):
-        return _BOOLEANS.get(text.lower())
+        return parse_boolean(text)
     try:
         return type(like)(text) if isinstance(like, int | float) else text
     except ValueError:

@@ -219,8 +219,8 @@ class Drive:
 
         ``wait``: return when the drive reports running at that frequency, within ``timeout_s`` (None: from its ramp,
         and as long as its speed approaches); ``on_progress`` is called with every status that is read meanwhile.
-        ``requested_at``: time of the request by ``bus.now()``. A frame that moves leaves at most 5 s after it, checks
-        included; None: at most 2 s after the checks.
+        ``requested_at``, by ``bus.now()``: a frame that moves leaves at most 5 s after it, checks included; None: at
+        most 2 s after the checks.
         """
         way = None if direction is None else Direction(direction)
         with self._runner.command(requested_at) as op:

@@ -17,7 +17,7 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 from drivebus.errors import PortUrlError
 from drivebus.serial_settings import SerialSettings
 from drivebus.types import EchoSetting
-from drivebus.values import half_width, parse_decimal
+from drivebus.values import half_width, parse_boolean, parse_decimal
 
 DEFAULT_SETTINGS = SerialSettings(9600)  # the factory setting of most models
 NETWORK_SCHEMES = frozenset({"tcp", "rfc2217"})
@@ -35,16 +35,6 @@ _SIMULATED = re.compile(r"\w+@[0-9][0-9,-]*")
 _COM = re.compile(r"(?:\\\\\.\\)?COM[0-9]{1,3}", re.IGNORECASE)
 _HOST_AND_PORT = re.compile(r"[\w.-]+:\d{1,5}")
 _NAME_IN_DEV = re.compile(r"tty|serial/by-|rfcomm|cu\.")
-_BOOLEAN_WORDS = {
-    "on": True,
-    "yes": True,
-    "true": True,
-    "1": True,
-    "off": False,
-    "no": False,
-    "false": False,
-    "0": False,
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,9 +80,10 @@ class PortUrl:
     def flag(self, name: str) -> bool:
         """Return an option that is on or off, off where it is not given. Raises PortUrlError."""
         text = self.options.get(name, "off")
-        if text.lower() not in _BOOLEAN_WORDS:
+        value = parse_boolean(text)
+        if value is None:
             raise PortUrlError("ports.option", port=self.text, name=name, found=text, expected=("on", "off"))
-        return _BOOLEAN_WORDS[text.lower()]
+        return value
 
     def number(self, name: str, default: float, lowest: float, highest: float) -> float:
         """Return an option that is a number within limits. Raises PortUrlError."""

@@ -60,9 +60,9 @@ def check_codec(
 ) -> CodecReport:
     """Check a codec against known exchanges. Raises CodecFault at the first violation.
 
-    ``request_of`` extracts the request from the message of ``decode_request``. ``detects_flips`` False is for
-    protocols without a checksum: accepted flips are then reported. ``allows_leading_noise`` is for codecs that skip
-    leading noise. ``garbage_frames`` seeded frames are tried per direction and exchange.
+    ``request_of`` extracts the request from the message of ``decode_request``. Without ``detects_flips``, as of a
+    protocol without a checksum, accepted flips are reported; with ``allows_leading_noise`` the codec may skip noise.
+    ``garbage_frames``: random frames for each direction and exchange.
     """
     report, checks = CodecReport(), _CodecChecks(codec, request_of, Random(seed), garbage_frames)
     exchanges = tuple(exchanges)

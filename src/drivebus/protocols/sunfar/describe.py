@@ -290,7 +290,7 @@ def _reply_fields(
 
 
 def _identity_fields(values: tuple[int, ...]) -> dict[str, Any]:
-    """Return ``info``, and of group 0 the voltage class and the power in decimal digits (section 3 (1))."""
+    """Return ``info``, and of group 0 the voltage class and the power in decimal digits (C320 manual 3 (1))."""
     state, group, *digits = values[2:]
     if state == SunfarState.FAULT:
         head = "--"
