@@ -8,11 +8,14 @@ from typing import Any
 
 import pytest
 
-from drivebus.drives import FileStore, MemoryStore
+from drivebus.bus import Bus
+from drivebus.drives import Drive, FileStore, MemoryStore
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.parameters import write_values
 from drivebus.drives.outcome import OutcomeStatus
+from drivebus.drives.store import drive_key
 from drivebus.errors import ConfigurationError, TargetNotReached
+from drivebus.ports import open_port
 from drivebus.protocols import sunfar
 from fixtures.drives import FakeC320, PureBus, SimulatedDrives, context_for, dialect_for, run_virtual
 
@@ -81,6 +84,38 @@ def test_a_drive_on_a_bus_reports_the_same() -> None:
                 await bench.drive(store=Full()).write({"F0.2": 30.0, "F1.10": 2.0}, save=True)
             assert caught.value.key == "drives.not_written"
             assert bench.station().memory.eeprom_writes.total() == 1
+
+    run_virtual(scenario())
+
+
+@pytest.mark.parametrize("is_open_before", [True, False])
+@pytest.mark.parametrize("model", ["c320", "ms300"])
+def test_a_store_that_cannot_be_read_prevents_no_stop(model: str, is_open_before: bool, tmp_path: Path) -> None:
+    """The first stop to a model whose stop may start another one raised the error of the file, and sent nothing."""
+    file = tmp_path / "store.json"
+    file.write_text("{")
+
+    async def scenario() -> None:
+        bus = Bus(open_port(f"sim://{model}@3"))
+        drive = None if is_open_before else Drive(bus, model, 3, store=FileStore(file))
+        async with bus:
+            drive = drive or Drive(bus, model, 3, store=FileStore(file))
+            assert (await drive.stop()).status is OutcomeStatus.CONFIRMED
+
+    run_virtual(scenario())
+
+
+@pytest.mark.parametrize("record", ["null", "[]", '"x"', "0.01", "NaN"])
+def test_a_stored_value_that_its_option_cannot_have_determines_nothing(record: str) -> None:
+    """Some lifted the cap of a C320 whose setpoint step is not known, others ended each start with a TypeError."""
+
+    async def scenario() -> None:
+        bus, store = Bus(open_port("sim://c320@3")), MemoryStore()
+        store.put(f"calibration/{drive_key(bus.port.identity, 3)}/c320/setpoint_step", record)
+        async with bus:
+            drive = Drive(bus, "c320", 3, store=store)
+            assert drive.dialect.options["setpoint_step"] == "0.01", "as the simulated drive states"
+            assert (await drive.run(2.0)).succeeded
 
     run_virtual(scenario())
 

@@ -19,8 +19,7 @@ from drivebus.drives.operations.steps import DriveOperation
 from drivebus.drives.outcome import raise_for_status
 from drivebus.drives.runner import OperationRunner
 from drivebus.drives.stop_supervisor import StopSupervisor
-from drivebus.drives.store import Store, drive_key
-from drivebus.errors import ConfigurationError
+from drivebus.drives.store import Store, drive_key, value_if_readable
 
 
 class Calibration:
@@ -73,16 +72,17 @@ class Calibration:
         )
 
     def load(self) -> None:
-        """Apply the stored options. A record or file that can't be read determines nothing, and prevents no stop."""
+        """Apply the stored options. A record or file that can't be read determines nothing, and prevents no stop.
+
+        So does a value that the option can't have: none of them may lift the cap of what is not determined.
+        """
         for option in self._dialect.profile.options:
-            try:
-                text = self._store.get(self._key(option))
-            except ConfigurationError:
-                return
+            text = value_if_readable(self._store, self._key(option))
             if text is None or option in self._explicit_options:
                 continue
             try:
                 value = json.loads(text)
             except ValueError:
                 continue
-            self._dialect.set_option(option, value)
+            if self._dialect.profile.question(option).allows(value):
+                self._dialect.set_option(option, value)

@@ -29,7 +29,7 @@ from drivebus.drives.outcome import Outcome, raise_for_status
 from drivebus.drives.runner import OperationRunner
 from drivebus.drives.state import Direction, DriveStatus
 from drivebus.drives.stop_supervisor import StopSupervisor
-from drivebus.drives.store import FileStore, MemoryStore, Store, default_path, drive_key
+from drivebus.drives.store import FileStore, MemoryStore, Store, default_path, drive_key, value_if_readable
 from drivebus.errors import Superseded
 from drivebus.ports.base import Port, drive_options
 from drivebus.profiles.model import DriveProfile
@@ -115,7 +115,8 @@ class Drive:
             self._calibration.load()
             if self.dialect.model_check() is not None:
                 key = f"model/{drive_key(self.bus.port.identity, self.address)}"
-                self._context.model_key, self._context.was_this_model = key, self._store.get(key) == self.profile.model
+                self._context.model_key = key
+                self._context.was_this_model = value_if_readable(self._store, key) == self.profile.model
 
     def _read_context(self) -> OperationContext:
         """Return the context of an operation that sends no motion command of its own."""

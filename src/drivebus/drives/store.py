@@ -108,6 +108,14 @@ class FileStore:
         return values
 
 
+def value_if_readable(store: Store, key: str) -> str | None:
+    """Return the value of a key, None also where the store can't be read: that must prevent no stop."""
+    try:
+        return store.get(key)
+    except ConfigurationError:
+        return None
+
+
 def drive_key(port_identity: str, address: int) -> str:
     """Return the key of one drive's records: these drives have no serial number that could be read."""
     return f"{port_identity}/{address}"
