@@ -14,6 +14,7 @@ from drivebus.errors import ArmRequired, ControlNotHeld, NotFound, Superseded
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import OnClientLost
+from drivebus.service.runtime.drive_reports import report_motion
 from drivebus.simulator.motor import OutputPhase
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
@@ -222,7 +223,7 @@ def test_a_standstill_that_was_read_before_a_start_frame_does_not_end_the_alarm_
             assert plant.drives["fan-1"].last_motion_at == inf
             assert plant.drives["fan-1"].status().state is DriveState.STOPPED, "the case is not played"
             kit.service.policies.end_control(ANN.session, "rights")
-            kit.service.policies.on_status(plant.drives["fan-1"], plant.drives["fan-1"].status())
+            report_motion(plant, plant.drives["fan-1"], plant.drives["fan-1"].status())
             assert [one.kind for one in plant.alarms.active()] == [SystemAlarm.CONTROL_LOST]
             await starting
             assert [one.kind for one in plant.alarms.active() if one.cleared_ms is None] == [SystemAlarm.CONTROL_LOST]

@@ -33,7 +33,7 @@ from drivebus.service.audit.description import described
 from drivebus.service.audit.records import entry_json
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import BusConfig, DriveConfig, GroupConfig, OnClientLost, OnServiceStop, PlantConfig
-from drivebus.service.control.policies import STANDSTILL_CONFIRM_S
+from drivebus.service.runtime.drive_reports import STANDSTILL_CONFIRM_S, report_motion
 from drivebus.simulator.motor import OutputPhase
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
@@ -918,7 +918,7 @@ def test_a_drive_counts_as_started_while_its_standstill_may_be_older_than_the_st
             drive = kit.service.plant.drives["fan-1"]
             for after_s, counts in ((STANDSTILL_CONFIRM_S, True), (STANDSTILL_CONFIRM_S + 0.1, False)):
                 status = replace(drive.status(), state=DriveState.STOPPED, at=drive.last_motion_at + after_s)
-                kit.service.policies.on_status(drive, status)
+                report_motion(kit.service.plant, drive, status)
                 assert drive.started_by_service is counts
 
     run(scenario())

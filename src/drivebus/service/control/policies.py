@@ -5,10 +5,9 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
-from math import inf
 from typing import Any
 
-from drivebus.drives.state import DriveState, DriveStatus
+from drivebus.drives.state import DriveStatus
 from drivebus.errors import DrivebusError
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.alarms import SystemAlarm
@@ -22,7 +21,6 @@ from drivebus.service.runtime.failure_log import failure_logged
 from drivebus.service.runtime.plant import Plant
 from drivebus.values import Text
 
-STANDSTILL_CONFIRM_S = 3.0  # so soon after a start command, a reported standstill may be the one before the start
 OperationCall = Callable[[str, dict[str, Any], Actor], Awaitable[dict[str, Any]]]
 
 
@@ -81,37 +79,15 @@ class StopPolicies:
         key = "alarms.motion.running" if runtime.turning else "alarms.motion.possible"
         self.plant.raise_alarm(SystemAlarm.CONTROL_LOST, runtime.id, motion=bilingual_text(key), **params)
 
-    def on_status(self, runtime: DriveRuntime, status: DriveStatus) -> None:
-        """Apply ``on_restart`` to a drive found running, note a start from elsewhere, and handle a standstill."""
-        state = status.state
-        if state is DriveState.UNKNOWN:
+    def apply_on_restart(self, runtime: DriveRuntime, status: DriveStatus) -> None:
+        """Stop a drive found running when this service started, or adopt it with an alarm, by its ``on_restart``."""
+        if runtime.state_was_known or runtime.started_by_service or not status.state.turning:
             return
-        if not runtime.state_was_known and state.turning and not runtime.started_by_service:
-            if runtime.config.on_restart is OnRestart.STOP:
-                self.stop_drive(runtime, "plant.stopped_on_restart")
-            else:
-                runtime.adopted = True
-                self.plant.raise_alarm(SystemAlarm.RUNNING_AT_START, runtime.id)
-        is_starting = runtime.last_motion_at == inf  # a standstill may have been read before the start frame
-        explained = runtime.last_known_turning or runtime.runs_for_service or is_starting
-        if runtime.state_was_known and state.turning and not explained:
-            self.plant.publish_event("start", runtime.id, "plant.started_by_itself")
-        runtime.state_was_known, runtime.last_known_turning = True, state.turning
-        if state.output_off and status.at is not None and status.at > runtime.last_motion_at + STANDSTILL_CONFIRM_S:
-            if not runtime.drive.stop_pending:
-                self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
-            self._note_own_standstill(runtime, status)
-            runtime.end_motion()  # a later start is not by the service
-        has_control = self.plant.leases.get(runtime.id, self.plant.now()) is not None
-        if has_control or not (state.turning or is_starting):
-            for kind in (SystemAlarm.RUNNING_AT_START, SystemAlarm.CONTROL_LOST):
-                self.plant.clear_alarm(kind, runtime.id)
-
-    def _note_own_standstill(self, runtime: DriveRuntime, status: DriveStatus) -> None:
-        """Publish that a drive that the service has run stands still, without a trip and without a stop request."""
-        is_run = runtime.started_by_service and runtime.commanded_hz is not None and runtime.comm_loss.test is None
-        if is_run and runtime.last_stop is None and status.state is not DriveState.FAULT:
-            self.plant.publish_event("stop", runtime.id, "plant.stopped_by_itself")
+        if runtime.config.on_restart is OnRestart.STOP:
+            self.stop_drive(runtime, "plant.stopped_on_restart")
+        else:
+            runtime.adopted = True
+            self.plant.raise_alarm(SystemAlarm.RUNNING_AT_START, runtime.id)
 
     def enforce_interlocks(self, views: Mapping[str, DriveView], now: float) -> None:
         """Stop every running drive with a tripped interlock of the action ``stop``, and raise its alarm.

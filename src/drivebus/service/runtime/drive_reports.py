@@ -1,4 +1,4 @@
-"""Reports of a drive as events and alarms: its presence, its faults, and another speed than was set."""
+"""Reports of a drive as events and alarms: presence, faults, starts and standstills, another speed than was set."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
 
+STANDSTILL_CONFIRM_S = 3.0  # so soon after a start command, a reported standstill may be the one before the start
 OTHER_SPEED_DELAY_S = 10.0  # a frequency that a slow bus is setting just now is no alarm
 
 
@@ -46,6 +47,37 @@ def report_fault(plant: Plant, runtime: DriveRuntime, status: DriveStatus) -> No
         runtime.reported_fault = fault.code
         key = "plant.drive_fault_says" if names_fault_label(fault.text.en, fault.label) else "plant.drive_fault"
         plant.publish_event("fault", runtime.id, key, label=fault.label, fault=fault.text)
+
+
+def report_motion(plant: Plant, runtime: DriveRuntime, status: DriveStatus) -> None:
+    """Publish a start or a standstill that no command explains, and clear the alarms that no longer hold.
+
+    A standstill ends the motion that the service has started or adopted.
+    """
+    state = status.state
+    if state is DriveState.UNKNOWN:
+        return
+    is_starting = runtime.last_motion_at == inf  # a standstill may have been read before the start frame
+    explained = runtime.last_known_turning or runtime.runs_for_service or is_starting
+    if runtime.state_was_known and state.turning and not explained:
+        plant.publish_event("start", runtime.id, "plant.started_by_itself")
+    runtime.state_was_known, runtime.last_known_turning = True, state.turning
+    if state.output_off and status.at is not None and status.at > runtime.last_motion_at + STANDSTILL_CONFIRM_S:
+        if not runtime.drive.stop_pending:
+            plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
+        if _has_stopped_by_itself(runtime, status):
+            plant.publish_event("stop", runtime.id, "plant.stopped_by_itself")
+        runtime.end_motion()  # a later start is not by the service
+    has_control = plant.leases.get(runtime.id, plant.now()) is not None
+    if has_control or not (state.turning or is_starting):
+        for kind in (SystemAlarm.RUNNING_AT_START, SystemAlarm.CONTROL_LOST):
+            plant.clear_alarm(kind, runtime.id)
+
+
+def _has_stopped_by_itself(runtime: DriveRuntime, status: DriveStatus) -> bool:
+    """Return whether a drive at standstill was run by the service, and has neither tripped nor been stopped by it."""
+    is_run = runtime.started_by_service and runtime.commanded_hz is not None and runtime.comm_loss.test is None
+    return is_run and runtime.last_stop is None and status.state is not DriveState.FAULT
 
 
 def report_other_speed(plant: Plant, runtime: DriveRuntime, status: DriveStatus) -> None:

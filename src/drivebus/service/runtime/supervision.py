@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from drivebus import i18n
+from drivebus.drives.state import DriveStatus
 from drivebus.errors import ConfigurationError, DrivebusError
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.alarms import SystemAlarm
@@ -28,7 +29,7 @@ from drivebus.service.process.permissions import certificate_problems
 from drivebus.service.process.systemd import SystemdNotifier
 from drivebus.service.runtime.bus import BusRuntime
 from drivebus.service.runtime.drive import DriveRuntime
-from drivebus.service.runtime.drive_reports import report_fault, report_other_speed, report_presence
+from drivebus.service.runtime.drive_reports import report_fault, report_motion, report_other_speed, report_presence
 from drivebus.service.runtime.failure_log import failure_logged
 from drivebus.service.runtime.plant import Plant
 from drivebus.service.storage.storage import Storage
@@ -182,12 +183,16 @@ class SupervisionCycle:
             lambda: plant.put_view(view),
             lambda: report_presence(plant, runtime, status),
             lambda: report_fault(plant, runtime, status),
-            lambda: self._policies.on_status(runtime, status),
+            lambda: self._follow_motion(runtime, status),
             lambda: report_other_speed(plant, runtime, status),
             lambda: plant.publish_alarms(plant.alarms.observe(view, plant.now(), plant.wall_ms())),
             lambda: self._schedule_comm_loss_read(runtime, plant.now()),
         ):
             self._run_step(step)
+
+    def _follow_motion(self, runtime: DriveRuntime, status: DriveStatus) -> None:
+        self._policies.apply_on_restart(runtime, status)  # before its first report is noted
+        report_motion(self._plant, runtime, status)
 
     def _supervise_port(self, bus_runtime: BusRuntime) -> None:
         """Raise alarms for a lost port and a foreign master; publish an event when a port is lost or open again."""
