@@ -152,6 +152,24 @@ def test_a_doubled_reply_that_passes_for_an_echo_is_named_after_the_next_read(ec
     assert_named([run_virtual(scenario())], "bus.second_reply")
 
 
+def test_the_end_of_a_late_reply_is_no_reply_from_the_station_of_its_first_byte() -> None:
+    """A serial server splits a reply: its end is read in place of the next one, and begins with any byte."""
+
+    async def scenario() -> DrivebusError:
+        async with SimulatedDrives("vc660") as bench:
+            drive = bench.drive()
+            await drive.status()
+            replace_replies(bench, lambda reply: ((0.0, b"\x56\x78\x01\x02\x03\x04\x05\x06"),))
+            with pytest.raises(DrivebusError) as caught:
+                await drive.status()
+            return caught.value
+
+    error = run_virtual(scenario())
+    assert error.key == "modbus.first_byte" and error_hint(error) == i18n.text("hint.damaged_reply")
+    assert error.text("en").startswith("the received bytes begin with 56H, not with address 1")
+    assert "86" not in error.text("en") + error.text("zh")
+
+
 @pytest.mark.parametrize("model", MODELS)
 def test_a_reply_from_another_address_is_named_and_starts_stay_refused(model: str) -> None:
     """Another master that asks that address is the other possible cause."""

@@ -281,7 +281,7 @@ def _foreign_reply_length(request: ModbusRequest, head: bytes, *, short: bool, c
         return 4 + head[3]
     if function in READ_FUNCTIONS and (count or short) and (function < 3 or count % 2 == 0):
         return 3 + count
-    raise AddressError("modbus.address", expected=request.address, found=address)
+    raise AddressError("modbus.first_byte", expected=request.address, found=address)
 
 
 def parse_reply(request: ModbusRequest, octets: bytes, count_bytes: int = 1) -> ModbusReply:
