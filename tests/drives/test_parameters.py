@@ -172,6 +172,14 @@ def test_a_budget_is_a_whole_number(found: Any) -> None:
     assert (caught.value.key, caught.value.params["found"]) == ("drives.eeprom_writes_per_day", found)
 
 
+@pytest.mark.parametrize("name", ["minimum_hz", "maximum_hz"])
+def test_a_frequency_limit_is_a_number(name: str) -> None:
+    """NaN, as of a computation without data, was accepted, and the drive ran up to the limit of its model."""
+    with pytest.raises(ConfigurationError) as caught:
+        DriveLimits(**{name: float("nan")})
+    assert (caught.value.key, caught.value.params) == ("drives.limit_is_nan", {"name": name})
+
+
 def test_the_users_own_budget_holds_over_restarts(tmp_path: Path) -> None:
     """Counted whatever the budget is: one that is raised goes on where the old one ended, 0 saves nothing."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
+from math import isnan
 
 from drivebus.bus.messages import BusResult
 from drivebus.drives.dialects.base import Dialect
@@ -82,7 +83,7 @@ class EepromBudget:
 class DriveLimits:
     """Limits set by the user; frequency limits in Hz can only narrow those of the profile.
 
-    Raises ConfigurationError where ``eeprom_writes_per_day`` is not a whole number from 0.
+    Raises ConfigurationError where ``eeprom_writes_per_day`` is not a whole number from 0, or a frequency is NaN.
     """
 
     minimum_hz: float = 0.0
@@ -95,6 +96,9 @@ class DriveLimits:
         budget = self.eeprom_writes_per_day
         if type(budget) is not int or budget < 0:
             raise ConfigurationError("drives.eeprom_writes_per_day", found=budget)
+        for name, hz in (("minimum_hz", self.minimum_hz), ("maximum_hz", self.maximum_hz)):
+            if hz is not None and isnan(hz):
+                raise ConfigurationError("drives.limit_is_nan", name=name)
 
 
 @dataclass(frozen=True, slots=True)
