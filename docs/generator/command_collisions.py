@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from drivebus import i18n, profiles
 from drivebus.drives.dialects.command_word import make_command_word
 from drivebus.profiles import DriveProfile
-from drivebus.profiles.model import MOTION_COMMANDS, STOP_COMMANDS, CommandMap
+from drivebus.profiles.words import MOTION_COMMANDS, STOP_COMMANDS, CommandMap
 from drivebus.values import Text
 from generator.terms import localized, table
 

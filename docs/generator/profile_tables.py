@@ -6,8 +6,9 @@ from collections.abc import Iterable, Mapping
 
 from drivebus import i18n
 from drivebus.profiles import DriveProfile
-from drivebus.profiles.model import CommandBit, CommandMap, OpenQuestion, Parameter, Signal, WordMatch
+from drivebus.profiles.model import OpenQuestion, Parameter, Signal
 from drivebus.profiles.spaces import BIT_SPACES
+from drivebus.profiles.words import CommandBit, CommandMap, WordMatch
 from drivebus.values import Text
 from generator.terms import BITS, colon, evidence, localized, table, term
 

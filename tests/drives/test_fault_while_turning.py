@@ -17,7 +17,8 @@ from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.readings import ReadingPairs
 from drivebus.drives.state import DerivedState, Direction, DriveState
 from drivebus.errors import StopUnconfirmed
-from drivebus.profiles.model import DriveProfile, StatusMap
+from drivebus.profiles.model import DriveProfile
+from drivebus.profiles.words import StatusMap
 from drivebus.simulator.bus import SimulatedBus
 from drivebus.simulator.port import SimPort
 from drivebus.testing.virtual_time import run

@@ -19,7 +19,8 @@ from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.readings import ReadingPairs
 from drivebus.drives.state import DerivedState, DriveState
 from drivebus.errors import StartInhibited, StopUnconfirmed, TargetNotReached
-from drivebus.profiles.model import DriveProfile, StatusMap
+from drivebus.profiles.model import DriveProfile
+from drivebus.profiles.words import StatusMap
 from drivebus.protocols.modbus import ReadRegisters
 from drivebus.simulator.bus import SimulatedBus
 from drivebus.simulator.motor import Trip

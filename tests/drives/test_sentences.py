@@ -19,7 +19,7 @@ from drivebus.drives.operations.setpoint import set_frequency
 from drivebus.drives.operations.stop import stop
 from drivebus.drives.state import Direction
 from drivebus.errors import CapabilityError, ConfigurationError, LimitError, TargetNotReached
-from drivebus.profiles.model import CommandMap
+from drivebus.profiles.words import CommandMap
 from drivebus.protocols.dzb100.messages import Dzb100Query, Dzb100Reply
 from fixtures.drives import FakeModbus, PureBus, dialect_for, keypad_registers, operation_for
 

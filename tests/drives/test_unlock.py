@@ -21,7 +21,8 @@ from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.errors import DrivebusError, ProfileError, StartInhibited, StopUnconfirmed
-from drivebus.profiles.model import CommandMap, DriveProfile, FixedWrite
+from drivebus.profiles.model import DriveProfile
+from drivebus.profiles.words import CommandMap, FixedWrite
 from drivebus.protocols import modbus
 from drivebus.protocols.codec import Effect
 from drivebus.protocols.modbus import ReadRegisters, WriteRegister

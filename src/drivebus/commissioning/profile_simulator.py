@@ -31,15 +31,8 @@ from drivebus.drives.dialects.modbus_writes import (
 )
 from drivebus.errors import ProtocolError
 from drivebus.profiles.load import load, model_name, models
-from drivebus.profiles.model import (
-    SETPOINT_STEP,
-    CommandMap,
-    DriveProfile,
-    ModbusFeatures,
-    Parameter,
-    Signal,
-    StatusMap,
-)
+from drivebus.profiles.model import SETPOINT_STEP, DriveProfile, ModbusFeatures, Parameter, Signal
+from drivebus.profiles.words import CommandMap, StatusMap
 from drivebus.protocols import modbus
 from drivebus.protocols.codec import Codec
 from drivebus.protocols.family import Locator

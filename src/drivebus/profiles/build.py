@@ -7,6 +7,7 @@ from math import ceil
 from typing import Any, cast
 
 from drivebus.profiles import model as m
+from drivebus.profiles import words
 from drivebus.profiles.check import resolve_locator
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.profiles.evidence import parse_evidence
@@ -226,22 +227,22 @@ def _build_modbus(parsed: ProfileFile) -> m.ModbusFeatures | None:
     )
 
 
-def _build_bit(parsed: BitTable) -> m.CommandBit:
-    return m.CommandBit(parsed.mask, parsed.value, parsed.pulse)
+def _build_bit(parsed: BitTable) -> words.CommandBit:
+    return words.CommandBit(parsed.mask, parsed.value, parsed.pulse)
 
 
-def _build_match(parsed: WordMatchTable) -> m.WordMatch:
-    return m.WordMatch(parsed.mask, parsed.value)
+def _build_match(parsed: WordMatchTable) -> words.WordMatch:
+    return words.WordMatch(parsed.mask, parsed.value)
 
 
-def _build_commands(parsed: CommandsTable | None) -> m.CommandMap | None:
+def _build_commands(parsed: CommandsTable | None) -> words.CommandMap | None:
     if parsed is None:
         return None
     variants = {
         setting: {value: {name: _build_bit(bit) for name, bit in bits.items()} for value, bits in choices.items()}
         for setting, choices in parsed.variants.items()
     }
-    return m.CommandMap(
+    return words.CommandMap(
         register=parsed.register_,
         bits={name: _build_bit(bit) for name, bit in parsed.bits.items()},
         setpoint_register=parsed.setpoint_register,
@@ -251,10 +252,10 @@ def _build_commands(parsed: CommandsTable | None) -> m.CommandMap | None:
         words=parsed.words,
         written_to=parsed.written_to,
         coil_count=parsed.coil_count,
-        reset=m.FixedWrite(parsed.reset.register_, parsed.reset.value) if parsed.reset else None,
-        unlock=m.FixedWrite(parsed.unlock.register_, parsed.unlock.value) if parsed.unlock else None,
+        reset=words.FixedWrite(parsed.reset.register_, parsed.reset.value) if parsed.reset else None,
+        unlock=words.FixedWrite(parsed.unlock.register_, parsed.unlock.value) if parsed.unlock else None,
         preparation=tuple(
-            m.StartStep(
+            words.StartStep(
                 when=_build_match(step.when) if step.when else None,
                 word=step.word,
                 until=_build_match(step.until) if step.until else None,
@@ -267,10 +268,10 @@ def _build_commands(parsed: CommandsTable | None) -> m.CommandMap | None:
     )
 
 
-def _build_status(parsed: StatusTable | None) -> m.StatusMap | None:
+def _build_status(parsed: StatusTable | None) -> words.StatusMap | None:
     if parsed is None:
         return None
-    return m.StatusMap(
+    return words.StatusMap(
         register=parsed.register_,
         bits=cast("dict[str, int]", dict(parsed.bits)),
         reserved_mask=parsed.reserved_mask,

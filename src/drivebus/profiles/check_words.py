@@ -7,8 +7,8 @@ from itertools import combinations
 from typing import Any
 
 from drivebus.profiles.diagnostics import Issue, KeyPath, issue
-from drivebus.profiles.model import MOTION_COMMANDS, STOP_COMMANDS
 from drivebus.profiles.schema import BitTable, CommandsTable, ProfileFile
+from drivebus.profiles.words import MOTION_COMMANDS, STOP_COMMANDS
 from drivebus.values import Text
 
 BitPaths = dict[str, tuple[KeyPath, BitTable]]

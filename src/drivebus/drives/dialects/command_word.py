@@ -5,7 +5,7 @@ from __future__ import annotations
 from drivebus.drives.dialects.base import Hold, StopMode
 from drivebus.drives.state import Direction
 from drivebus.errors import CapabilityError
-from drivebus.profiles.model import MOTION_COMMANDS, STOP_COMMANDS, CommandMap
+from drivebus.profiles.words import MOTION_COMMANDS, STOP_COMMANDS, CommandMap
 from drivebus.protocols.codec import Effect
 
 MOTION_BITS = frozenset(MOTION_COMMANDS)

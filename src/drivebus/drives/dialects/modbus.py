@@ -48,7 +48,8 @@ from drivebus.drives.dialects.status_word import derive_state, is_valid_status, 
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import DerivedState, Direction, DriveState
 from drivebus.errors import CapabilityError, ProtocolError, StartInhibited
-from drivebus.profiles.model import CommandMap, DriveProfile, ModbusFeatures, Parameter, Signal, StatusMap
+from drivebus.profiles.model import DriveProfile, ModbusFeatures, Parameter, Signal
+from drivebus.profiles.words import CommandMap, StatusMap
 from drivebus.protocols.codec import Codec, Effect
 from drivebus.protocols.family import Locator
 from drivebus.protocols.modbus import (

@@ -6,8 +6,9 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from drivebus.errors import ConfigurationError
-from drivebus.profiles.model import DriveProfile, ModbusFeatures, Parameter, Signal, StatusMap
+from drivebus.profiles.model import DriveProfile, ModbusFeatures, Parameter, Signal
 from drivebus.profiles.spaces import BIT_SPACES, READ_FUNCTIONS, SYNC_READ_COUNT
+from drivebus.profiles.words import StatusMap
 from drivebus.protocols.family import Locator
 from drivebus.protocols.modbus import BitValues, ReadBits, ReadRegisters, RegisterValues
 

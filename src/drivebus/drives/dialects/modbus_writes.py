@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivebus.drives.dialects.modbus_reads import join_words, split_words
-from drivebus.profiles.model import CommandMap, DriveProfile, FixedWrite, ModbusFeatures, Parameter
+from drivebus.profiles.model import DriveProfile, ModbusFeatures, Parameter
+from drivebus.profiles.words import CommandMap, FixedWrite
 from drivebus.protocols.family import Locator
 from drivebus.protocols.modbus import RegisterWrite, WriteBit, WriteBits, WriteRegister, WriteRegisters
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
 from drivebus.drives.readings import ReadingPairs
 from drivebus.drives.state import DerivedState, Direction, DriveState
-from drivebus.profiles.model import StatusMap
+from drivebus.profiles.words import StatusMap
 
 STATE_BITS = (
     ("emergency_stopping", DriveState.BRAKING),

@@ -12,7 +12,7 @@ from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait
 from drivebus.drives.permissives import CommandKind, DriveCommand, unmet_bus_permissives
 from drivebus.errors import StartInhibited
-from drivebus.profiles.model import StartStep
+from drivebus.profiles.words import StartStep
 
 STEP_POLL_INTERVAL_S = 0.05  # pause between two verified states after a word
 
