@@ -930,14 +930,16 @@ def test_no_cell_of_a_users_tables_is_cut_off_on_a_phone(visit: Any, tab: str, l
     assert titles == ["none", *(f'"{head}"' for head in heads[1:-1]), "none"]
 
 
-def test_no_frame_and_no_parameter_of_an_incident_is_cut_off_on_a_phone(stage: Stage, visit: Any) -> None:
-    """The meaning of a frame, and the value of a parameter, were beyond the right edge."""
+def test_nothing_of_an_incident_is_beyond_the_edge_of_a_phone(stage: Stage, visit: Any) -> None:
+    """The meaning of a frame, the value of a parameter, and whether a drive was online, were beyond the right edge."""
     trip(stage, "fan-3")
-    page = visit("#/alarms?tab=incidents", size=(375, 812))
+    page = visit("#/alarms?tab=incidents", size=(360, 740))
     page.locator(".incidents a").first.click()
-    for title in ("incident_parameters", "frames_title"):
+    for title in ("incident_states", "incident_parameters", "frames_title"):
         page.get_by_role("region", name=word(title)).locator("tbody td").nth(3).wait_for()
     assert page.evaluate(CELLS_OUT_OF_PLACE) == []
+    beyond = "(tables) => tables.map((one) => one.scrollWidth - one.clientWidth)"
+    assert max(page.locator("main .scroll").evaluate_all(beyond)) <= 0
     head = page.get_by_role("region", name=word("incident_parameters")).locator("thead")
     assert word("wire_address") in head.inner_text(), "another word than in the parameters of a drive"
 

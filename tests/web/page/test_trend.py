@@ -340,6 +340,31 @@ def test_an_event_whose_sentence_names_its_drive_names_it_once(scripts: Any) -> 
     assert shown == ["fan-1: no reply", "fan-1 run at 30 Hz", "fan-1: no reply", "run at 30 Hz"]
 
 
+def test_the_kind_of_an_event_that_its_sentence_names_is_not_read_twice(scripts: Any) -> None:
+    """A screen reader read "fault fault OC: overcurrent"."""
+    cases = [
+        ("fault", "fault OC: overcurrent"),
+        ("fault", "Feed pump reports a fault: overcurrent"),
+        ("fault", "OC: overcurrent"),
+        ("fault", "default settings restored"),
+        ("stop", "Bus stop of the whole plant"),
+        ("command", "run at 30 Hz"),
+    ]
+    named = scripts.evaluate(
+        """async (cases) => {
+      const [events, i18n] = await Promise.all(["trend/events", "i18n"].map((one) => import(`/static/js/${one}.js`)));
+      await i18n.loadLanguage("en");
+      const all = cases.map(([kind, text]) => events.namesKind(kind, text));
+      await i18n.loadLanguage("zh");
+      all.push(events.namesKind("fault", "给水泵报告故障：过电流"), events.namesKind("fault", "过电流"));
+      await i18n.loadLanguage("en");
+      return all;
+    }""",
+        cases,
+    )
+    assert named == [True, True, False, False, True, False, True, False]
+
+
 CENTRES = """(row) => [...row.cells].slice(0, 2).map((cell) => {
   const range = document.createRange();
   range.selectNodeContents(cell);

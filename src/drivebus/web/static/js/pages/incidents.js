@@ -85,7 +85,7 @@ function States({ found }) {
     [t("page.commanded_column"), (one) => quantity(one.commanded_hz, "Hz"), "right"],
     [t("page.presence"), (one) => t(`page.presence_${one.presence}`)],
   ];
-  return html`<${Table} caption=${t("page.incident_states")} columns=${columns} rows=${found.states ?? []}
+  return html`<${Table} stacks caption=${t("page.incident_states")} columns=${columns} rows=${found.states ?? []}
     keyOf=${(one) => one.t} />`;
 }
 

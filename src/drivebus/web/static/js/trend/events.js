@@ -27,6 +27,9 @@ export function eventText({ drive, text }) {
   return sentence.includes(title) ? sentence : `${title} ${sentence}`;
 }
 
+/** Whether a sentence has the word for its kind, such as "fault OC: overcurrent": a screen reader would read it twice. */
+export const namesKind = (kind, text) => new RegExp(`(^|[^a-z])${t(`page.event_${kind}`)}([^a-z]|$)`, "i").test(localized(text));
+
 /** One event; pressing it puts it in the middle of the chart. */
 function EventRow({ event, trend }) {
   const centre = () => trend.show({ from: event.time_ms - trend.span / 2, to: event.time_ms + trend.span / 2 },
@@ -35,7 +38,7 @@ function EventRow({ event, trend }) {
   return html`<button type="button" class=${`event event-${kind}`} onClick=${centre}>
     <span class="sign" aria-hidden="true">${EVENT_ICONS[kind]}</span>
     <time>${moment(event.time_ms)}</time>
-    <span class="sr">${t(`page.event_${kind}`)}</span>
+    ${!namesKind(kind, event.text) && html`<span class="sr">${t(`page.event_${kind}`)}</span>`}
     <span class="what">${eventText(event)}</span>
     ${event.actor && html`<span class="actor">${event.actor}</span>`}</button>`;
 }
