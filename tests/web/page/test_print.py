@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import pytest
 
+from drivebus import i18n
 from fixtures.browser import Stage
-from fixtures.browser_actions import trip
+from fixtures.browser_actions import expecting, trip
 
 INK = """() => {
   const brightness = (colour) => colour.match(/[0-9.]+/g).slice(0, 3).reduce((sum, one) => sum + Number(one), 0) / 3;
@@ -16,13 +18,18 @@ INK = """() => {
 }"""
 
 
-@pytest.mark.parametrize("theme", ["light", "dark"])
-def test_a_printed_page_is_dark_on_white_and_nothing_lies_over_it(stage: Stage, visit: Any, theme: str) -> None:
-    """Regression: the stop bar covered a stretch of each sheet, and the dark theme printed its light text on white."""
+@pytest.mark.parametrize(("theme", "language"), [("light", "en"), ("dark", "zh")])
+def test_a_printed_page_is_dark_on_white_and_nothing_lies_over_it(
+    stage: Stage, visit: Any, theme: str, language: str
+) -> None:
+    """Regression: the stop bar covered a stretch of each sheet, and the dark theme printed its light text on white.
+
+    Nothing on a sheet said when and of which plant it was printed.
+    """
     trip(stage, "pump-2")
-    page = visit("#/drive/pump-2", theme=theme)
+    page = visit("#/drive/pump-2", theme=theme, language=language)
     page.locator(".active-fault [data-do=incident]").wait_for()
-    assert page.locator(".stopbar").is_visible()
+    assert page.locator(".stopbar").is_visible() and not page.locator(".head .printed").is_visible()
     page.emulate_media(media="print", color_scheme=theme)
     ink, paper = page.evaluate(INK)
     assert ink < 60 and paper == 255
@@ -37,6 +44,14 @@ def test_a_printed_page_is_dark_on_white_and_nothing_lies_over_it(stage: Stage, 
     page.evaluate("location.hash = '#/fleet'")
     page.locator(".tile").first.wait_for()
     assert not page.locator(".tilestop").first.is_visible()
+    expect = expecting()
+    expect(page.locator(".head .plant")).to_have_text({"en": "Boiler house", "zh": "锅炉房"}[language])
+    expect(page.locator(".head .plant")).to_be_visible()
+    printed_at = i18n.text("page.printed_at", language, time="").strip()
+    expect(page.locator(".head .printed")).to_have_text(
+        re.compile(rf"^{printed_at} ?\d{{4}}-\d\d-\d\d \d\d:\d\d:\d\d$")
+    )
+    expect(page.locator(".head .printed")).to_be_visible()
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])

@@ -7,7 +7,7 @@ import { ControlRequestNotices } from "./control/request-notices.js";
 import { StopBar } from "./control/stop-bar.js";
 import { TakeoverNotices } from "./control/takeover-notices.js";
 import { ErrorBoundary } from "./error-boundary.js";
-import { duration } from "./format.js";
+import { duration, moment } from "./format.js";
 import { localized, t, titleOf } from "./i18n.js";
 import { Icon } from "./icons.js";
 import { closedText, connection, isLive, lostAt, now, reconnect } from "./live.js";
@@ -15,7 +15,7 @@ import { PreferenceButtons } from "./preference-buttons.js";
 import { usePublishedHeight } from "./published-height.js";
 import { href, restoreScroll, route } from "./router.js";
 import { failedLogout, logout, may, session } from "./session.js";
-import { topic } from "./store.js";
+import { serviceNow, topic } from "./store.js";
 import { Button, Notice } from "./ui.js";
 import { Unlock } from "./unlock.js";
 
@@ -52,6 +52,19 @@ function ConnectionMark() {
     <span>${t(`page.link_${state}`)}</span></span>`;
 }
 
+/** Time of the print-out: paper keeps its values long after they were live. */
+function PrintTime() {
+  const line = useRef(null);
+  useEffect(() => {
+    const show = () => { line.current.textContent = t("page.printed_at", { time: moment(serviceNow()) }); };
+    const printing = matchMedia("print");
+    addEventListener("beforeprint", show);
+    printing.addEventListener("change", show);
+    return () => { removeEventListener("beforeprint", show); printing.removeEventListener("change", show); };
+  }, []);
+  return html`<span class="printed" ref=${line}></span>`;
+}
+
 function PageHeader() {
   const plant = topic("plant").value;
   const menu = useRef(null);
@@ -60,7 +73,7 @@ function PageHeader() {
     isMenuOpen.value = false;
     menu.current.focus(); // what had the focus is hidden now
   };
-  return html`<header class="head" onKeyDown=${close}><a class="plant" href=${href("fleet")}>${plant ? titleOf(plant) : "drivebus"}</a>
+  return html`<header class="head" onKeyDown=${close}><a class="plant" href=${href("fleet")}>${plant ? titleOf(plant) : "drivebus"}</a><${PrintTime} />
     <button type="button" class="menu" ref=${menu} aria-expanded=${isMenuOpen.value ? "true" : "false"} aria-label=${t("page.menu")}
       onClick=${() => { isMenuOpen.value = !isMenuOpen.value; }}><${Icon} name=${isMenuOpen.value ? "close" : "menu"} size=${24} />
         </button>
