@@ -174,16 +174,22 @@ def test_limits_that_share_no_frequency_are_not_shown_as_a_range(
 
 @pytest.mark.parametrize(
     ("leader", "offline", "is_blocked"),
-    [("fan-1", "fan-2", True), ("fan-1", "fan-1", False), (None, "fan-2", False)],
+    [("fan-1", "fan-2", True), ("fan-1", "a", True), ("fan-1", "fan-1", False), (None, "fan-2", False)],
 )
 def test_a_group_is_not_started_without_a_follower_of_its_leader(
     draw: Draw, fan: Any, leader: str | None, offline: str, is_blocked: bool
 ) -> None:
-    """The service refused the start that the page offered. A leader without reply starts nothing by itself."""
-    presences = {id: "offline" if id == offline else "online" for id in ("fan-1", "fan-2", "fan-3")}
+    """The service refused the start that the page offered. A leader without reply starts nothing by itself.
+
+    The title of a drive whose id is "a" stood in the middle of the word "usable".
+    """
+    presences = {id: "offline" if id == offline else "online" for id in ("fan-1", "fan-2", "a")}
     topics = group_topics(fan, presences, "presence", leader)
+    for id in presences:
+        topics[f"drives/{id}"]["title"] = {"en": f"Title of {id}", "zh": id}
     text = draw("fleet/group-panel", "GroupPanel", {"id": "air"}, topics=topics)
-    reason = i18n.text("plant.member_offline", "en", drive=offline, group="air", leader=leader)
+    names = {"drive": f"Title of {offline}", "leader": f"Title of {leader}"}
+    reason = i18n.text("plant.member_offline", "en", group="air", **names)
     assert (reason in text) is is_blocked
     assert bool(shown(text, ["page.group_start_blocked"], n=1, of=3)) is is_blocked
 
@@ -291,6 +297,49 @@ def test_the_place_of_a_fault_says_whether_there_is_one_or_that_it_is_unknown(
     view = fan | ONLINE_AND_STOPPED | changed
     text = draw("drive/current-fault", "CurrentFault", {"view": view}, connection=connection)
     assert shown(text, ["page.no_present_fault", "page.not_known"]) == [expected]
+
+
+OVERHEAT = {"code": 5, "label": "", "text": {"en": "overheat", "zh": "过热"}, "cause": None, "remedy": None}
+
+
+def test_the_page_of_a_drive_names_its_own_alarms_each_once(draw: Draw, fan: Any) -> None:
+    """The head read *reports no fault* while an alarm of this drive was open."""
+
+    def alarm(which: SystemAlarm = SystemAlarm.OTHER_SPEED, *, title: str = "", **more: Any) -> dict[str, Any]:
+        params = {"found_hz": 40.0, "set_hz": 25.0, "interlock": "cool"}
+        raised = system_alarm("1", which, drive="fan-1", name=Text("fan", "风机"), now_ms=0, subject="", params=params)
+        return raised.as_json() | more | ({"title": {"en": title, "zh": title}} if title else {})
+
+    trip = alarm(title="TRIPPED", kind="fault", value=5.0)
+    speed, interlock = alarm(), alarm(SystemAlarm.INTERLOCK_TRIP)
+    foreign = alarm(title="OF ANOTHER", drive="fan-2")
+    shelved = alarm(title="SHELVED", shelved_until_ms=10**15)
+    cleared = alarm(title="CLEARED", cleared_ms=1)
+    title, sentence = speed["title"]["en"], speed["text"]["en"]
+    assert "40" in sentence and sentence not in title
+
+    def text_of(changed: dict[str, Any], *active: dict[str, Any]) -> str:
+        view = fan | ONLINE_AND_STOPPED | changed
+        topics = {"alarms": {"active": list(active)}, "drives/fan-1": view}
+        return draw("drive/current-fault", "CurrentFault", {"view": view}, topics=topics)
+
+    quiet = [foreign, shelved, cleared]
+    no_fault = i18n.text("page.no_present_fault", "en")
+    more = i18n.text("page.more_alarms", "en", n=1)
+    text = text_of({}, speed, *quiet)
+    assert (text.count(no_fault), text.count(title), text.count(sentence)) == (1, 1, 1)
+    assert not [one for one in ("OF ANOTHER", "SHELVED", "CLEARED", more) if one in text]
+    text = text_of({}, speed, interlock)
+    assert interlock["title"]["en"] in text and more in text
+    assert title in text_of({"presence": "offline"}, speed)
+    fault = {"state": "fault", "fault": OVERHEAT}
+    assert "TRIPPED" not in text_of(fault, trip)
+    text = text_of(fault, trip, speed, *quiet)
+    assert (text.count("overheat"), text.count(title)) == (1, 1)
+    assert not [one for one in ("TRIPPED", "OF ANOTHER", "SHELVED", "CLEARED", more) if one in text]
+    without_status = {"state": "unknown", "capabilities": ["run", "stop"]}
+    assert sentence in text_of(without_status, speed)
+    assert text_of(without_status, *quiet) == i18n.text("page.no_drive_alarm", "en")
 
 
 def test_the_last_stop_has_its_kind_and_its_user(draw: Draw, fan: Any) -> None:
@@ -451,6 +500,21 @@ def test_a_lost_connection_is_explained_by_the_page_only_where_the_server_gave_n
 ) -> None:
     text = draw("shell", "Shell", {}, connection=connection, closed=closed)
     assert shown(text, ["page.offline_how"]) == ["page.offline_how"] * is_explained
+
+
+def test_the_notice_of_a_lost_connection_names_a_page_that_has_moved_and_promises_no_stop() -> None:
+    """The notice read *Bus stops are still sent*, and had no word for a page that a reload has moved."""
+    for language, expected, promise in (
+        (
+            "en",
+            ("another address", "log of the service", "until the service answers", "stop at the machine"),
+            "still sent",
+        ),
+        ("zh", ("其他地址", "服务日志", "直到服务应答", "到现场停机"), "仍会发送"),
+    ):
+        text = i18n.text("page.offline_how", language)
+        assert [words for words in expected if words not in text] == []
+        assert promise not in text
 
 
 @pytest.mark.parametrize("above_hz", [40.5, None])

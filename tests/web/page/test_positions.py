@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from drivebus import i18n
+from drivebus.service.alarms import SystemAlarm
 from fixtures.browser import Stage
 from fixtures.browser_actions import expecting, trip
 
@@ -19,7 +20,7 @@ BUTTONS = """() => Object.fromEntries([...document.querySelectorAll(
 
 
 @pytest.mark.parametrize("size", [(1440, 900), (360, 740)])
-def test_no_button_of_the_drive_page_moves_when_a_trip_comes_or_goes(
+def test_no_button_of_the_drive_page_moves_when_a_trip_or_an_alarm_comes_or_goes(
     stage: Stage, visit: Any, size: tuple[int, int]
 ) -> None:
     """A hand that is on its way to Stop or Set frequency must not press something else."""
@@ -34,8 +35,22 @@ def test_no_button_of_the_drive_page_moves_when_a_trip_comes_or_goes(
     page.locator(".control .notice.good").wait_for()
     page.locator("[data-stop-by]").wait_for(state="detached")
     before = page.evaluate(BUTTONS)
+
+    async def raise_alarm() -> None:
+        stage.service.plant.raise_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", subject="cool", interlock="cool")
+
+    async def clear_alarm() -> None:
+        stage.service.plant.clear_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", subject="cool")
+
+    stage.do(raise_alarm)
+    page.locator(".drive-alarm a").wait_for()
+    assert moved(before, page.evaluate(BUTTONS)) == {}
     trip(stage, "fan-1")
     page.locator(".active-fault [data-do=reset]").wait_for()
+    page.locator(".active-fault .small a").wait_for()
+    assert page.locator(".active-fault").evaluate("(one) => one.scrollHeight - one.clientHeight") <= 1
+    stage.do(clear_alarm)
+    page.locator(".active-fault .small a").wait_for(state="detached")
     page.wait_for_timeout(100)
     tripped = page.evaluate(BUTTONS)
     assert moved(before, tripped) == {}

@@ -26,6 +26,9 @@ const firstByDrive = computed(() => new Map(openAlarms().reverse().map((alarm) =
 /** The most urgent open alarm of a drive, or undefined. */
 export const mostUrgentAlarm = (id) => firstByDrive.value.get(id);
 
+/** Open alarms of a drive whose condition holds, the most urgent first. */
+export const activeAlarmsOf = (id) => uncleared(openAlarms()).filter((alarm) => alarm.drive === id);
+
 const waitingDrives = computed(() => new Set(unacknowledged(openAlarms()).map((alarm) => alarm.drive)));
 
 /** Whether an open alarm of a drive, active or cleared, waits for its acknowledgement. */

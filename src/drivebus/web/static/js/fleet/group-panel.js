@@ -51,7 +51,7 @@ function blockersOf({ start_blockers, id, presence, state }, { id: group, leader
     blockers.push({ id, key: "plant.member_fault", params, text: t("plant.member_fault", params) });
   }
   if (!leader || id === leader || presence === "online") return blockers;
-  const params = { drive: id, group: groupTitle(group), leader: driveTitle(leader) };
+  const params = { drive: driveTitle(id), group: groupTitle(group), leader: driveTitle(leader) };
   return [...blockers, { id, key: "plant.member_offline", params, text: t("plant.member_offline", params) }];
 }
 
