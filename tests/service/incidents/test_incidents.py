@@ -16,13 +16,15 @@ import pytest
 from drivebus import profiles
 from drivebus.bus.trace import TraceEvent, TraceKind
 from drivebus.capture.dbcap import CaptureHeader, read_capture
-from drivebus.errors import NoReply, NotFound, ServiceError
+from drivebus.errors import NoReply, NotFound, ServiceError, ServiceUnavailable
 from drivebus.serial_settings import SerialSettings
 from drivebus.service.alarms import Alarm, AlarmEngine, SystemAlarm
 from drivebus.service.incidents import IncidentRecorder, IncidentStore
 from drivebus.service.incidents.recorder import (
     INCIDENT_REPEAT_S,
     MAX_BUFFERED_SAMPLES,
+    MAX_WAITING_INCIDENTS,
+    SAVE_RETRY_INTERVAL_S,
     TRIP_ALARM_KINDS,
     BusSnapshot,
     RingBuffer,
@@ -207,17 +209,56 @@ def test_a_disk_that_fails_at_any_call_leaves_a_whole_incident_or_none(
     assert [item for item in (tmp_path / "incidents").iterdir() if item.name.startswith(".")] == []
 
 
-def test_a_failed_disk_is_reported_and_the_next_incident_is_saved(tmp_path: Path) -> None:
+def test_an_incident_on_a_failing_disk_is_reported_and_saved_once_the_disk_works_again(tmp_path: Path) -> None:
+    """It was lost, and the incidents counted as not writable until a drive tripped again."""
+
     async def go() -> None:
         (tmp_path / "incidents").write_text("a file where the folder should be")
         recorder = IncidentRecorder(IncidentStore(tmp_path / "incidents"))
-        assert await save_incident(recorder) is None
-        assert recorder.error is not None
+        saving = asyncio.create_task(save_incident(recorder))
+        await asyncio.sleep(3 * SAVE_RETRY_INTERVAL_S)
+        assert recorder.error is not None and not saving.done()
         (tmp_path / "incidents").unlink()
-        assert await save_incident(recorder, now=200.0) == "000001-fan-1"
-        assert recorder.error is None
+        assert (await saving, recorder.error) == ("000001-fan-1", None)
 
     run(go())
+
+
+def test_incidents_beyond_those_that_wait_for_the_disk_are_lost_and_the_end_of_the_service_tries_once_more(
+    tmp_path: Path,
+) -> None:
+    async def go() -> None:
+        (tmp_path / "incidents").write_text("a file where the folder should be")
+        recorder = IncidentRecorder(IncidentStore(tmp_path / "incidents"))
+        times = [100.0 + INCIDENT_REPEAT_S * number for number in range(MAX_WAITING_INCIDENTS)]
+        waiting = [asyncio.create_task(save_incident(recorder, now=now)) for now in times]
+        await asyncio.sleep(1)
+        assert await save_incident(recorder, now=times[-1] + INCIDENT_REPEAT_S) is None
+        assert not any(task.done() for task in waiting)
+        await recorder.close()
+        assert await asyncio.gather(*waiting) == [None] * MAX_WAITING_INCIDENTS
+
+    run(go())
+
+
+@pytest.mark.parametrize("call", ["list", "note"])
+def test_a_folder_of_incidents_that_can_not_be_used_is_an_error_with_its_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    """It was an internal error that left open whether the note was added."""
+    store = IncidentStore(tmp_path)
+    id = store.write("fan-1", {"time_ms": 1, "drive": "fan-1"}, {}, CaptureHeader(SERIAL), [])
+
+    def refuse(*arguments: Any, **named: Any) -> Any:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "iterdir", refuse)
+    monkeypatch.setattr(os, "write", refuse)
+    with pytest.raises(ServiceUnavailable, match="Permission denied"):
+        if call == "list":
+            store.query(*ALL_TIME)
+        else:
+            store.add_note(id, {"time_ms": 1, "by": "ann", "text": "bearing replaced"})
 
 
 def test_an_incident_of_a_killed_writer_is_never_listed(tmp_path: Path) -> None:

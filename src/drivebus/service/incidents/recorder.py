@@ -6,6 +6,7 @@ import asyncio
 import logging
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import partial
@@ -103,6 +104,10 @@ INCIDENT_FRAMES = 200
 """Newest frames of the bus saved with an incident."""
 INCIDENT_REPEAT_S = 10.0
 """A trip of the same drive within this time belongs to the same incident, so that a chattering relay fills no disk."""
+SAVE_RETRY_INTERVAL_S = 10.0
+"""Between two attempts to save an incident while the disk fails."""
+MAX_WAITING_INCIDENTS = 10
+"""Incidents that wait in memory for the disk, each with the last minute of a drive; further ones are lost."""
 TRIP_ALARM_KINDS = frozenset({str(AlarmKind.FAULT), str(SystemAlarm.INTERLOCK_TRIP), str(SystemAlarm.STOP_UNCONFIRMED)})
 """Alarms that record an incident when they are raised."""
 LOG = logging.getLogger("drivebus.service")
@@ -130,6 +135,8 @@ class IncidentRecorder:
         self._buffers: dict[str, RingBuffer] = {}
         self._last_incident: dict[str, tuple[float, asyncio.Task[str | None]]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
+        self._waiting = 0
+        self._closing = asyncio.Event()
         self.error: Exception | None = None
         """Error of recording the last incident; None if it was saved."""
 
@@ -162,7 +169,7 @@ class IncidentRecorder:
     def capture(
         self, alarm: Alarm, view: DriveView | None, bus: BusSnapshot | None, now: float, now_ms: int
     ) -> asyncio.Task[str | None]:
-        """Capture an incident now; the task returns its id once it is saved, None if that failed.
+        """Capture an incident now; the task returns its id once it is saved, None if it is lost.
 
         Never raises and only copies, so that no bus waits for the disk or for the encoding.
         """
@@ -202,7 +209,7 @@ class IncidentRecorder:
 
     async def _save(self, write: Callable[[], str], drive: str) -> str | None:
         try:
-            id = await asyncio.get_running_loop().run_in_executor(None, write)
+            id = await self._write_or_wait(write, drive)
         except Exception as error:
             self.report_failure(drive, error)
             return None
@@ -214,6 +221,29 @@ class IncidentRecorder:
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
         return id
+
+    async def _write_or_wait(self, write: Callable[[], str], drive: str) -> str:
+        """Write an incident and return its id; while the disk fails, try again. Raises what makes it lost."""
+        loop = asyncio.get_running_loop()
+        try:
+            return await loop.run_in_executor(None, write)
+        except OSError as error:
+            if self._waiting >= MAX_WAITING_INCIDENTS:
+                raise
+            self.report_failure(drive, error)
+        self._waiting += 1
+        try:
+            while True:
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(self._closing.wait(), SAVE_RETRY_INTERVAL_S)
+                try:
+                    return await loop.run_in_executor(None, write)
+                except OSError as error:
+                    self.error = error
+                    if self._closing.is_set():
+                        raise
+        finally:
+            self._waiting -= 1
 
     def report_failure(self, drive: str, error: Exception) -> None:
         """Keep and log the error of an incident that could not be recorded."""
@@ -231,7 +261,11 @@ class IncidentRecorder:
             LOG.warning(i18n.preferred_text("log.parameters_not_saved", drive=drive, reason=reason))
 
     async def close(self) -> None:
-        """Finish saving incidents; cancel reading of parameters, also of those that are saved from now on."""
+        """Finish saving incidents; cancel reading of parameters, also of those that are saved from now on.
+
+        Those that wait for the disk are tried once more.
+        """
+        self._closing.set()
         self._read_parameters = None
         for task in self._tasks:
             task.cancel()

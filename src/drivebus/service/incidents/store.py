@@ -8,15 +8,15 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Lock
 from typing import Final
 
 from drivebus.atomic_write import atomic_write_private, fsync_directory
 from drivebus.capture.dbcap import CaptureError, CaptureHeader, CaptureWriter
-from drivebus.errors import NotFound, ServiceError, SystemReason
+from drivebus.errors import NotFound, ServiceError, ServiceUnavailable, SystemReason
 from drivebus.service.api.errors import localized
 from drivebus.service.api.paging import page
 from drivebus.service.ids import ID_CHARACTERS
@@ -68,9 +68,9 @@ class IncidentStore:
     def add_note(self, id: str, note: Json) -> list[Json]:
         """Add a note and return all, oldest first; beyond ``MAX_NOTES`` the oldest is dropped.
 
-        Raises NotFound, OSError.
+        Raises NotFound, ServiceUnavailable.
         """
-        with self._lock:
+        with self._lock, self._disk_errors():
             path = self._path(id) / NOTES_FILE
             notes = [*_read_notes(path), note][-MAX_NOTES:]
             atomic_write_private(path, _encode({"notes": notes}))
@@ -80,9 +80,11 @@ class IncidentStore:
         """Return an incident, with ``parameters`` (None if not read), ``notes`` and the bus's frames as ``capture``.
 
         Damaged bytes of the capture become escapes; it is None where its file can't be read, with the reason as
-        ``capture_problem``. Raises NotFound, and ServiceError where the incident's own file is missing or damaged.
+        ``capture_problem``. Raises NotFound, ServiceUnavailable, and ServiceError where the incident's own file is
+        missing or damaged.
         """
-        path = self._path(id)
+        with self._disk_errors():
+            path = self._path(id)
         incident = _read_json(path / INCIDENT_FILE)
         if incident is None or not _is_summary(incident):
             raise ServiceError("alarms.incident_damaged", incident=id, file=str(path / INCIDENT_FILE))
@@ -95,10 +97,10 @@ class IncidentStore:
     def query(
         self, from_ms: int, to_ms: int, drive: str | None = None, cursor: str | None = None, limit: int = 100
     ) -> Json:
-        """Return a page of summaries, newest first. Raises InvalidParameters for an unknown cursor."""
-        summaries = (
-            (_incident_number(id), _read_json(self.folder / id / "summary.json")) for id in reversed(self._ids())
-        )
+        """Return a page of summaries, newest first. Raises InvalidParameters (cursor), ServiceUnavailable."""
+        with self._disk_errors():
+            ids = self._ids()
+        summaries = ((_incident_number(id), _read_json(self.folder / id / "summary.json")) for id in reversed(ids))
         wanted = (
             (number, summary)
             for number, summary in summaries
@@ -108,6 +110,15 @@ class IncidentStore:
             and drive in (None, summary["drive"])
         )
         return page(((number, lambda summary=summary: summary) for number, summary in wanted), cursor, limit)  # type: ignore[misc]
+
+    @contextmanager
+    def _disk_errors(self) -> Iterator[None]:
+        """Raise ServiceUnavailable for an error of the disk."""
+        try:
+            yield
+        except OSError as error:
+            folder, reason = str(self.folder), SystemReason(error)
+            raise ServiceUnavailable("alarms.incidents_inaccessible", folder=folder, reason=reason) from error
 
     def _path(self, id: str) -> Path:
         """Return an incident's folder. Only ids of the strict form are accepted, so that none leads elsewhere."""
