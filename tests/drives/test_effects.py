@@ -11,10 +11,11 @@ import pytest
 from drivebus import profiles
 from drivebus.drives import create_dialect
 from drivebus.drives.dialects.base import Dialect, Hold, StopMode
-from drivebus.drives.dialects.command_word import MOTION_BITS, CommandBits
+from drivebus.drives.dialects.command_word import CommandBits
 from drivebus.drives.dialects.modbus import ModbusDialect
 from drivebus.drives.state import Direction
 from drivebus.errors import CapabilityError, ProtocolError
+from drivebus.profiles.words import MOTION_COMMANDS
 from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.protocols.codec import Effect
 from fixtures.drives import dialect_for
@@ -312,7 +313,7 @@ def test_the_words_that_vc660_composes_are_all_known_and_none_pauses_or_holds() 
     for value in composed:
         assert word.is_mapped(value)
         assert not value & 0x0180
-        assert len(word.active_names(value) & MOTION_BITS) <= 1
+        assert len(word.active_names(value) & {*MOTION_COMMANDS}) <= 1
 
 
 @pytest.mark.parametrize("how", [StopMode.COAST, StopMode.QUICK_STOP])

@@ -44,6 +44,7 @@ class Permit:
     effect: Effect
     retry_policy: RetryPolicy
     expires_at: float
+    """Monotonic second after which it is void."""
     stop_epoch: int
     """Stop epoch of the station when granted: a newer stop voids the permit."""
     command_id: str = ""
@@ -89,7 +90,9 @@ class BusResult:
     sent_at: float | None = None
     """First bit on the wire, monotonic seconds."""
     received_at: float | None = None
+    """Last byte of the reply, monotonic seconds."""
     attempts: int = 0
+    """Number of times that the frame was sent."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

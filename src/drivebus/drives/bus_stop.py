@@ -21,7 +21,10 @@ BROADCAST_COUNT = 2  # a broadcast has no reply, and one may be lost
 
 @dataclass(frozen=True, slots=True)
 class StopReport:
-    """Report of a bus stop: the broadcasts and the outcome of each drive."""
+    """Report of a bus stop: the broadcasts and the outcome of each drive.
+
+    Times are seconds by ``Bus.now``.
+    """
 
     started_at: float
     ended_at: float

@@ -124,6 +124,7 @@ class Preflight:
     unmet: tuple[UnmetPrecondition, ...]
     unreadable: tuple[tuple[str, Text], ...]
     at: float
+    """Time of its end, in seconds by ``Bus.now``."""
 
     @property
     def passed(self) -> bool:

@@ -29,7 +29,7 @@ class OutcomeStatus(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameExchange:
-    """Frame of an operation and its reply: the evidence of an outcome."""
+    """Frame of an operation and its reply: the evidence of an outcome. Times are seconds by ``Bus.now``."""
 
     sent: bytes
     received: bytes

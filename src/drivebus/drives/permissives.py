@@ -67,6 +67,7 @@ class DriveCommand:
     id: str
     kind: CommandKind
     created_at: float
+    """Monotonic seconds."""
     stop_epoch: int
 
     def expires_at(self, effect: Effect) -> float:
@@ -84,6 +85,7 @@ class DriveEvidence:
 
     derived: DerivedState
     state_at: float | None
+    """Monotonic seconds of the older of the two readings of the state."""
     reports_run_state: bool
     preflight_passed: bool
     limits_checked: bool

@@ -5,10 +5,9 @@ from __future__ import annotations
 from drivebus.drives.dialects.base import Hold, StopMode
 from drivebus.drives.state import Direction
 from drivebus.errors import CapabilityError
-from drivebus.profiles.words import MOTION_COMMANDS, STOP_COMMANDS, CommandMap
+from drivebus.profiles.words import STOP_COMMANDS, CommandMap
 from drivebus.protocols.codec import Effect
 
-MOTION_BITS = frozenset(MOTION_COMMANDS)
 STOP_BITS = frozenset(STOP_COMMANDS)
 DIRECTION_BITS = frozenset({"forward", "reverse"})
 HOLD_BITS = frozenset(Hold)
