@@ -15,6 +15,7 @@ from drivebus.drives import permissives, runner
 from drivebus.drives.context import EepromBudget, SaveCount
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import get_bus_conditions
+from fixtures.campaigns import finds
 from verification.campaign import CampaignRun, run_campaign
 from verification.campaigns import clock
 from verification.families.registry import DRIVE_VARIANTS, VARIANTS_BY_NAME
@@ -98,7 +99,7 @@ def test_a_wall_clock_time_in_the_records_is_found(monkeypatch: pytest.MonkeyPat
         plain(port, name, at=product_clock.wall_clock().isoformat(), **details)
 
     monkeypatch.setattr(clock.RecordingPort, "_record_event", labelled)
-    assert reported(campaign(10), "the captures differ")
+    assert finds("clock", "the captures differ", 10, seed=3)
 
 
 def test_samples_with_decreasing_times_are_found(monkeypatch: pytest.MonkeyPatch) -> None:

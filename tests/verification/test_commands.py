@@ -12,6 +12,7 @@ from drivebus.drives import permissives
 from drivebus.drives.operations import parameters, start, stop
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.stop_supervisor import StopSupervisor
+from fixtures.campaigns import finds
 from verification.campaign import CampaignRun, run_campaign
 from verification.campaigns import commands
 from verification.drive_variants import DriveVariant
@@ -29,10 +30,6 @@ def campaign(budget: int, seed: int = 1) -> CampaignRun:
     run_campaign(commands.CAMPAIGN, campaign_run)
     campaign_run.violations = violations
     return campaign_run
-
-
-def found(campaign_run: CampaignRun, text: str) -> bool:
-    return any(text in violation for violation in campaign_run.violations)
 
 
 def only(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
@@ -90,13 +87,13 @@ def test_an_accepted_echo_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(commands, "ECHO_SETTINGS", WRONG_ECHO[:1])
     monkeypatch.setattr(commands, "UNPACED_SHARE", 1.0)
     monkeypatch.setattr(EchoDetector, "accepts", lambda self, transaction: True)
-    assert found(campaign(240), "absent drive")
+    assert finds("commands", "absent drive", 240)
 
 
 def test_a_stop_that_is_not_repeated_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """An unconfirmed stop is given up."""
     monkeypatch.setattr(StopSupervisor, "start_repetition", lambda self, how: None)
-    assert found(campaign(240), "was given up")
+    assert finds("commands", "was given up", 240)
 
 
 def test_a_stop_confirmed_without_evidence_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -106,7 +103,7 @@ def test_a_stop_confirmed_without_evidence_is_found(monkeypatch: pytest.MonkeyPa
 
     only(monkeypatch, "c320-ascii", "vc660")
     monkeypatch.setattr(stop, "_until_confirmed", at_once)
-    assert found(campaign(480), "confirmed, but the motor is on")
+    assert finds("commands", "confirmed, but the motor is on", 480)
 
 
 def test_a_start_confirmed_without_evidence_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,7 +113,7 @@ def test_a_start_confirmed_without_evidence_is_found(monkeypatch: pytest.MonkeyP
 
     only(monkeypatch, "c320-ascii", "vc660", "dzb100")
     monkeypatch.setattr(start, "confirm_start", at_once)
-    assert found(campaign(1200), "confirmed, but the motor is off")
+    assert finds("commands", "confirmed, but the motor is off", 1200)
 
 
 def test_an_unanswered_start_reported_as_acknowledged_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,14 +123,14 @@ def test_an_unanswered_start_reported_as_acknowledged_is_found(monkeypatch: pyte
 
     only(monkeypatch, "df800-rtu")
     monkeypatch.setattr(start, "confirm_start", at_once)
-    assert found(campaign(1600, seed=3), "the drive received no frame of it")
+    assert finds("commands", "the drive received no frame of it", 1600, seed=3)
 
 
 def test_a_start_sent_after_a_newer_stop_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """The permissives ignore a stop that is newer than the command (I1)."""
     monkeypatch.setattr(permissives, "_check_valid", lambda command, effect, around: None)
     monkeypatch.setattr(commands, "IMMEDIATE_COMMAND_SHARE", 1.0)
-    assert found(campaign(480), "after a newer stop")
+    assert finds("commands", "after a newer stop", 480)
 
 
 def test_a_start_repeated_by_the_bus_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -146,7 +143,7 @@ def test_a_start_repeated_by_the_bus_is_found(monkeypatch: pytest.MonkeyPatch) -
         lambda self: [s.keypad_stop() for s in self.scenario.simulated_bus.stations],
     )
     only(monkeypatch, "c320-ascii")
-    assert found(campaign(800), "I2")
+    assert finds("commands", "I2", 800)
 
 
 def test_a_write_confirmed_without_a_read_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,4 +154,4 @@ def test_a_write_confirmed_without_a_read_is_found(monkeypatch: pytest.MonkeyPat
     only(monkeypatch, "dzb100", "df800-rtu")
     monkeypatch.setattr(parameters, "_read_back", at_once)
     monkeypatch.setattr(commands, "COMMAND_WEIGHTS", {"write": 1})
-    assert found(campaign(240), "and the drive holds")
+    assert finds("commands", "and the drive holds", 240)

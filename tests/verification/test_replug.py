@@ -11,14 +11,11 @@ from drivebus.bus import Bus
 from drivebus.bus.core import BusCore
 from drivebus.ports import tty
 from drivebus.ports.tty import SerialDescriptor
+from fixtures.campaigns import finds
 from verification.campaign import CampaignRun, load_campaign, run_campaign
 from verification.campaigns import replug
 from verification.families.modbus.facts import DF800, VC660
 from verification.fault_injection.usb_adapter import reopen_ports
-
-
-def violations(budget: int = 40) -> list[str]:
-    return run_campaign(load_campaign("replug"), CampaignRun(campaign="replug", seed=1, budget=budget)).violations
 
 
 def test_another_seed_unplugs_at_other_times() -> None:
@@ -44,7 +41,7 @@ def test_a_drive_with_identical_sync_probes_returns_after_its_quarantine() -> No
 
 def test_a_bus_that_reopens_its_port_too_rarely_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("drivebus.bus.bus.REOPEN_INTERVAL_S", 2.5)
-    assert any("first polled again" in one for one in violations())
+    assert finds("replug", "first polled again", 40)
 
 
 def test_a_port_opened_by_its_name_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,7 +89,7 @@ def test_commands_queued_for_the_returning_port_are_found(monkeypatch: pytest.Mo
         return commands
 
     monkeypatch.setattr(BusCore, "on_port_lost", forgetful)
-    assert any("I10" in one for one in violations(60))
+    assert finds("replug", "I10", 60)
 
 
 def object_future() -> Any:
@@ -122,7 +119,7 @@ def test_a_task_leaked_by_a_replug_is_found(monkeypatch: pytest.MonkeyPatch) -> 
         await loop.create_future()
 
     monkeypatch.setattr(Bus, "_on_port_open", leaky)
-    assert any("tasks after a replug" in one for one in violations(2))
+    assert finds("replug", "tasks after a replug", 2)
 
 
 def test_a_descriptor_leaked_by_a_reopening_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

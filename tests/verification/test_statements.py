@@ -12,16 +12,8 @@ from drivebus.drives.operations import parameters, reset, start, stop
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.errors import NoReply
-from verification.campaign import CampaignRun, run_campaign
+from fixtures.campaigns import finds
 from verification.campaigns import statements
-
-
-def campaign(budget: int = 300) -> CampaignRun:
-    return run_campaign(statements.CAMPAIGN, CampaignRun(campaign="statements", seed=1, budget=budget))
-
-
-def found(campaign_run: CampaignRun, text: str) -> bool:
-    return any(text in violation for violation in campaign_run.violations)
 
 
 def plant(monkeypatch: pytest.MonkeyPatch, module: Any, name: str, key: str) -> None:
@@ -36,19 +28,19 @@ def plant(monkeypatch: pytest.MonkeyPatch, module: Any, name: str, key: str) -> 
 
 def test_a_stop_confirmed_while_the_drive_runs_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     plant(monkeypatch, stop, "_until_confirmed", "drives.stop_confirmed")
-    assert found(campaign(), "the output is on")
+    assert finds("statements", "the output is on", 300)
 
 
 def test_a_start_confirmed_without_a_run_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     plant(monkeypatch, start, "confirm_start", "drives.start_confirmed")
-    assert found(campaign(), "the output was never on")
+    assert finds("statements", "the output was never on", 300)
 
 
 def test_a_reset_confirmed_in_a_fault_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(statements, "METHODS", {"run": 1, "reset_fault": 2, "scan": 0})
     monkeypatch.setattr(statements, "MISBEHAVIOURS", ("ignores_reset", "trips"))
     plant(monkeypatch, reset, "_wait_until_cleared", "drives.reset_confirmed")
-    assert found(campaign(), "fault 5 is present")
+    assert finds("statements", "fault 5 is present", 300)
 
 
 def test_a_write_confirmed_with_another_value_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -57,7 +49,7 @@ def test_a_write_confirmed_with_another_value_is_found(monkeypatch: pytest.Monke
         return op.outcome(OutcomeStatus.CONFIRMED, "drives.write_confirmed", **params)
 
     monkeypatch.setattr(parameters, "_read_back", at_once)
-    assert found(campaign(), "the drive holds")
+    assert finds("statements", "the drive holds", 300)
 
 
 def test_silence_claimed_of_a_drive_that_sends_bytes_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,7 +59,7 @@ def test_silence_claimed_of_a_drive_that_sends_bytes_is_found(monkeypatch: pytes
     monkeypatch.setattr(
         i18n, "text", lambda key, language, **more: lie if key == "drives.no_answer" else message(key, language, **more)
     )
-    assert found(campaign(), "every request was followed by bytes of the drive")
+    assert finds("statements", "every request was followed by bytes of the drive", 300)
 
 
 def test_a_wrong_lateness_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,10 +70,10 @@ def test_a_wrong_lateness_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
         return error and NoReply(error.key, **error.params | {"milliseconds": 5000})
 
     monkeypatch.setattr(failure_reason, "late_reply", later)
-    assert found(campaign(600), "replies came after")
+    assert finds("statements", "replies came after", 600)
 
 
 def test_a_frequency_that_was_never_reported_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     output = OperationContext.output_hz
     monkeypatch.setattr(OperationContext, "output_hz", lambda op: (output(op) or 0.0) + 0.02)
-    assert found(campaign(600), "was never reported")
+    assert finds("statements", "was never reported", 600)

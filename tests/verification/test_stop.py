@@ -15,11 +15,8 @@ from drivebus.drives import outcome as outcome_module
 from drivebus.drives.operations import stop as stopping
 from drivebus.drives.outcome import raise_for_status
 from drivebus.drives.stop_supervisor import StopSupervisor
+from fixtures.campaigns import finds
 from verification.campaign import CampaignRun, load_campaign, run_campaign
-
-
-def violations(budget: int = 100) -> list[str]:
-    return run_campaign(load_campaign("stop"), CampaignRun(campaign="stop", seed=1, budget=budget)).violations
 
 
 def test_another_seed_stops_at_other_instants() -> None:
@@ -38,12 +35,12 @@ def test_a_stop_queued_like_other_requests_is_found(monkeypatch: pytest.MonkeyPa
         put(self, job)
 
     monkeypatch.setattr(Scheduler, "enqueue", politely)
-    assert any("I3" in one and "was sent before it" in one for one in violations(300))
+    assert finds("stop", "was sent before it", 300)
 
 
 def test_repeated_stops_of_others_before_a_stop_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Scheduler, "_stop_order", lambda self, job: 0)
-    assert any("before it repeatedly" in one for one in violations(600))
+    assert finds("stop", "before it repeatedly", 600)
 
 
 def test_a_frame_with_a_longer_timeout_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -55,22 +52,22 @@ def test_a_frame_with_a_longer_timeout_is_found(monkeypatch: pytest.MonkeyPatch)
         self.deadline = self.ends_at = self.deadline + 0.005
 
     monkeypatch.setattr(Transaction, "__init__", patient)
-    assert any("later than a stop may be" in one for one in violations(300))
+    assert finds("stop", "later than a stop may be", 300)
 
 
 def test_an_incomplete_stop_bound_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(load, "_stop_frame_bytes", lambda link: 8)
-    assert any("the bus reports a bound" in one for one in violations(1))
+    assert finds("stop", "the bus reports a bound", 1)
 
 
 def test_an_alarm_that_comes_late_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stopping, "STOP_PROGRESS_TIMEOUT_S", 6.0)
-    assert any("was unknown after" in one for one in violations(300))
+    assert finds("stop", "was unknown after", 300)
 
 
 def test_a_stop_that_is_not_repeated_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(StopSupervisor, "start_repetition", lambda self, how: None)
-    assert any("it is not repeated" in one for one in violations(300))
+    assert finds("stop", "it is not repeated", 300)
 
 
 def test_an_unconfirmed_stop_without_an_alarm_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,7 +76,7 @@ def test_an_unconfirmed_stop_without_an_alarm_is_found(monkeypatch: pytest.Monke
         lambda outcome, stop=False: outcome if stop else raise_for_status(outcome),
     )
     assert outcome_module.raise_for_status is raise_for_status
-    assert any("without an alarm" in one for one in violations(300))
+    assert finds("stop", "without an alarm", 300)
 
 
 def test_a_withdrawn_stop_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -90,4 +87,4 @@ def test_a_withdrawn_stop_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(BusCore, "_withdraw", drop)
     monkeypatch.setattr(StopSupervisor, "start_repetition", lambda self, how: None)
-    assert violations(300)
+    assert finds("stop", "", 300)
