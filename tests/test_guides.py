@@ -15,7 +15,7 @@ import pytest
 from drivebus import profiles
 from drivebus.cli.click_ext import LazyGroup
 from drivebus.cli.main import cli
-from test_examples import run
+from test_examples import run_block
 
 README = Path(__file__).resolve().parents[1] / "README.md"
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -146,7 +146,7 @@ def test_the_commands_that_run_are_the_same_in_both_languages(page: Path) -> Non
 def test_programs_and_profiles_of_a_page_work(page: Path, tmp_path: Path) -> None:
     for language, text in blocks(page):
         if language == "python" and "/api/v1" not in text:  # those run against a service: test_api_guide.py
-            assert "confirmed" in run(text)
+            assert "confirmed" in run_block(text)
         if language == "toml" and "extends" in text:
             own = tmp_path / "own.toml"
             own.write_text(text, encoding="utf-8")
