@@ -24,6 +24,7 @@ from drivebus.service.auth.rights import AccessLevel, Right
 from drivebus.service.ipc import server
 from drivebus.types import Json
 from drivebus.values import Text
+from drivebus.web import app
 from drivebus.web.app import HANDLERS, declared_routes
 from drivebus.web.context import actor_of
 from drivebus.web.operations import WEB_OPERATIONS
@@ -46,6 +47,7 @@ PATH = f"{API_PREFIX}/drives/{{drive}}/polish"
 @pytest.fixture(autouse=True)
 def polish(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(OPERATIONS, POLISH.name, POLISH)
+    monkeypatch.setattr(app, "routers", app.routers.__wrapped__)
 
 
 def test_a_new_operation_has_its_route_with_its_right() -> None:
@@ -54,7 +56,7 @@ def test_a_new_operation_has_its_route_with_its_right() -> None:
 
 
 async def test_a_new_operation_reaches_the_service_for_those_who_may(tmp_path: Path) -> None:
-    harness = WebAppHarness(tmp_path, is_shared=False)
+    harness = WebAppHarness(tmp_path)
     operator, viewer = await harness.log_in("operator"), await harness.log_in("viewer")
     assert (await operator.post(PATH.format(drive="fan-1"))).status_code == 200
     assert (await viewer.post(PATH.format(drive="fan-1"))).status_code == 403
@@ -62,7 +64,7 @@ async def test_a_new_operation_reaches_the_service_for_those_who_may(tmp_path: P
 
 
 async def test_a_new_operation_is_described(tmp_path: Path) -> None:
-    client = await WebAppHarness(tmp_path, is_shared=False).log_in("viewer")
+    client = await WebAppHarness(tmp_path).log_in("viewer")
     found = (await client.get(f"{API_PREFIX}/openapi.json")).json()["paths"][PATH]["post"]
     assert (found["summary"], found["x-right"]) == ("Polish a drive", "operate")
     assert found["responses"]["200"]["content"]["application/json"]["schema"]["$ref"].endswith("/OutcomeResponse")
@@ -116,7 +118,7 @@ async def test_a_new_stop_has_the_exceptions_of_a_stop(tmp_path: Path, monkeypat
         async def polish(self, params: DriveParams, actor: Actor) -> Json:
             return {}
 
-    harness = WebAppHarness(tmp_path, is_shared=False)
+    harness = WebAppHarness(tmp_path)
     operator = await harness.log_in("operator")
     harness.auth.user_file.change(lambda register: type(register)(register.users[:2]))
     assert harness.auth.needs_setup
@@ -182,7 +184,7 @@ async def test_a_new_operation_of_the_gateway_is_one_declaration_and_its_handler
         return {"drive": params.drive, "by": actor_of(request).name}
 
     monkeypatch.setitem(HANDLERS, ENGRAVE.name, handles(ENGRAVE)(engrave))
-    harness = WebAppHarness(tmp_path, is_shared=False)
+    harness = WebAppHarness(tmp_path)
     viewer, path = await harness.log_in("viewer"), f"{API_PREFIX}/plates/fan-1"
     assert (await viewer.post(path)).json() == {"drive": "fan-1", "by": "viewer"}
     assert (await viewer.post(f"{API_PREFIX}/plates/A%20B")).json()["error"]["code"] == "plant.params"

@@ -345,7 +345,7 @@ def set_up(description: Json, directory: Path, api: CheckedClient) -> None:
     """The first administrator is created in another plant, which has none."""
 
     async def answer() -> httpx.Response:
-        harness = WebAppHarness(directory, users=False, is_shared=False)
+        harness = WebAppHarness(directory, users=False)
         given = {"secret": harness.auth.setup_secret.issue(), "name": "wang", "password": "a long pass phrase"}
         async with harness.client() as client:
             return await client.post(f"{API_PREFIX}/setup", json=given)
