@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-import peers
 from drivebus import errors, i18n
 from drivebus.bus.core import UntrustedReply
+from fixtures.axe import axe_violations
 from fixtures.browser import Stage
 from fixtures.browser_actions import expecting, trip
 
@@ -60,10 +60,6 @@ DETAILS: dict[str, Callable[[Any], None]] = {
 }
 
 
-FIRST_ROWS = {"exclude": [[".incident-frames tbody tr:nth-child(n + 4)"], [".frames-box .frame:nth-child(n + 4)"]]}
-"""Selectors that axe skips: rows beyond the third are all alike and take minutes."""
-
-
 def open_detail(page: Any, way: str) -> None:
     page.evaluate("way => { location.hash = '#/fleet'; }", way)
     page.locator(".tile").first.wait_for()
@@ -71,21 +67,13 @@ def open_detail(page: Any, way: str) -> None:
     DETAILS[way](page)
 
 
-@pytest.mark.parametrize("theme", ["light", "dark"])
-def test_axe_finds_nothing_serious_in_the_details(stage: Stage, visit: Any, theme: str) -> None:
-    """Themes differ only in colours, so the second theme checks contrast alone."""
-    peers.need_module("axe_playwright_python", "axe-playwright-python")
-    from axe_playwright_python.sync_playwright import Axe
-
+def test_axe_finds_nothing_serious_in_the_details(stage: Stage, visit: Any) -> None:
     trip(stage, "fan-3")
-    everything = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "best-practice"]
-    rules = {"runOnly": everything if theme == "light" else ["color-contrast"]}
-    page = visit("#/fleet", role="administrator", theme=theme, bypass_csp=True)
+    page = visit("#/fleet", role="administrator", bypass_csp=True)
     found = {}
     for way in DETAILS:
         open_detail(page, way)
-        violations = Axe().run(page, context=FIRST_ROWS, options=rules).response["violations"]
-        grave = [one for one in violations if one["impact"] in ("serious", "critical")]
+        grave = [one for one in axe_violations(page) if one["impact"] in ("serious", "critical")]
         found[way] = [(one["id"], one["nodes"][0]["html"][:160]) for one in grave]
     assert {way: wrong for way, wrong in found.items() if wrong} == {}
 
