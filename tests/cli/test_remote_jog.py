@@ -100,6 +100,37 @@ def test_a_jog_that_the_service_has_ended_is_an_error_and_the_drive_is_stopped()
     play(scenario)
 
 
+@pytest.mark.parametrize(("may_be_running", "last"), [(None, "drive.stop"), (True, "drive.stop"), (False, "drive.jog")])
+def test_a_jog_whose_start_fails_is_stopped_unless_the_service_knows_that_nothing_moves(
+    may_be_running: bool | None, last: str
+) -> None:
+    """Regression: nothing followed a jog whose answer was lost, as a stop follows such a run."""
+
+    async def scenario() -> None:
+        error = OutcomeUnknown("service.lost", operation="drive.jog")
+        error.may_be_running = may_be_running
+        client = FakeClient(jog=error)
+        with pytest.raises(OutcomeUnknown):
+            async with drive(client).jog(None, Direction.FORWARD, 0.5):
+                pass
+        assert client.operations[-1] == last
+
+    play(scenario)
+
+
+def test_a_jog_that_cannot_be_armed_is_not_stopped() -> None:
+    """The drive may be run by another user."""
+
+    async def scenario() -> None:
+        client = FakeClient(arm=OutcomeUnknown("service.lost", operation="drive.arm"))
+        with pytest.raises(OutcomeUnknown):
+            async with drive(client).jog(None, Direction.FORWARD, 0.5):
+                pass
+        assert client.operations[-1] == "drive.arm"
+
+    play(scenario)
+
+
 def test_a_jog_whose_service_is_lost_ends_with_an_unknown_stop_that_names_the_drive() -> None:
     """It ended as any request to a lost service: with 1, and without a word of the motor that may run on."""
 

@@ -231,9 +231,16 @@ class RemoteJog:
         self.stop_outcome: Outcome | None = None
 
     async def __aenter__(self) -> RemoteJog:
-        params = {"direction": str(self._direction), **await self._drive.arm()}
+        """Begin the jog. Where that fails and the motor may be running, stop the drive before the error is raised."""
+        with before_motion():
+            params = {"direction": str(self._direction), **await self._drive.arm()}
         params |= {} if self._frequency_hz is None else {"frequency_hz": self._frequency_hz}
-        jog = await self._drive.call(DRIVE_JOG, **params)
+        try:
+            jog = await self._drive.call(DRIVE_JOG, **params)
+        except DrivebusError as error:
+            if error.may_be_running is not False:
+                await self._drive.stop()
+            raise
         self._jog_id, self.start_outcome = jog["jog"], parse_outcome(jog)
         self._renewal = asyncio.create_task(self._renew(), name="jog")
         return self
