@@ -9,10 +9,12 @@ import pytest
 from click.testing import CliRunner
 
 from drivebus.cli.main import cli
+from drivebus.cli.scanning import ScanRequest, announce_scan
 from drivebus.commissioning import scan
 from drivebus.errors import PortLost
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.port import clear_simulated_buses
+from drivebus.values import parse_addresses
 
 WORDS = ("scan", "sim://vc660@3", "--models", "vc660", "--addresses", "3", "--listen-seconds", "0", "--lang", "en")
 
@@ -57,3 +59,25 @@ def test_a_scan_succeeds_only_with_a_drive_whose_model_is_known(
 
     monkeypatch.setattr(scan, "scan", find)
     assert CliRunner().invoke(cli, WORDS).exit_code == exit_code
+
+
+@pytest.mark.parametrize(
+    ("addresses", "bauds", "likely"),
+    [
+        ("5-20", None, "(9600, 19200, 4800, 38400 baud, addresses 5-8)"),
+        ("5-20", (4800, 1200), "(4800 baud, addresses 5-8)"),
+        ("1-8", (9600,), None),
+        ("100", (9600,), None),
+    ],
+)
+def test_a_scan_announces_as_likely_only_what_it_searches(
+    addresses: str, bauds: tuple[int, ...] | None, likely: str | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Addresses 0-8 at four baud rates were announced, whatever was asked for."""
+    request = ScanRequest(
+        port="sim://vc660@5", models=("vc660",), addresses=parse_addresses(addresses), bauds=bauds, formats=None
+    )
+    announce_scan(request.plan())
+    shown = " ".join(capsys.readouterr().err.split())
+    assert ("The scan takes at most" in shown, "come first" in shown) == (likely is None, likely is not None)
+    assert likely is None or f"The likely settings {likely} come first" in shown

@@ -408,6 +408,17 @@ def duration_params(passes: list[ScanPass]) -> dict[str, str]:
     }
 
 
+def announce_scan(passes: list[ScanPass]) -> None:
+    """Print how long the scan takes, with its likely settings where it has others too."""
+    likely = [each for each in passes if each.is_likely]
+    if not likely or len(likely) == len(passes):
+        output.print_note("scan.comm_loss", **duration_params(passes))
+        return
+    bauds = output.join([str(baud) for baud in dict.fromkeys(each.settings.baud for each in likely)], "items")
+    addresses = format_addresses(sorted({address for each in likely for address in each.addresses}))
+    output.print_note("scan.comm_loss_likely", bauds=bauds, addresses=addresses, **duration_params(passes))
+
+
 def print_scan_plan(passes: list[ScanPass]) -> ExitCode:
     """Print the first request of each pass, byte for byte, and the number of requests."""
     from drivebus.cli.dry_run import plan_frames

@@ -13,7 +13,7 @@ from drivebus.cli.errors import ExitCode, exit_code_of
 from drivebus.cli.scanning import (
     ScanProgressBar,
     ScanRequest,
-    duration_params,
+    announce_scan,
     listen_option,
     print_scan,
     print_scan_plan,
@@ -71,7 +71,7 @@ async def _run(
             if not force:
                 output.print_note("scan.foreign_end")
                 return print_scan(request.port, progress, sniffed, ExitCode.FAILED)
-        output.print_note("scan.comm_loss", **duration_params(passes))
+        announce_scan(passes)
         try:
             with ScanProgressBar() as bar:
                 search = scan.scan(passes, open_port, progress, bar.on_progress, keep_going=everything)
