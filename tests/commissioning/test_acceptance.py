@@ -28,7 +28,7 @@ from drivebus.commissioning.acceptance import (
 )
 from drivebus.drives import Drive
 from drivebus.drives.outcome import Outcome, OutcomeStatus
-from drivebus.errors import StopUnconfirmed
+from drivebus.errors import PortError, StopUnconfirmed
 from drivebus.ports import locks, open_port
 from drivebus.simulator.bus import SimulatedBus
 from drivebus.simulator.motor import Trip
@@ -270,6 +270,24 @@ def test_a_motor_left_alone_whose_stop_cannot_be_sent_is_an_unconfirmed_stop(ben
     found = step("comm_loss", session_class=UnpluggingPerson)
     assert isinstance(found.figures["error"], StopUnconfirmed)
     assert found.figures["error"].key == "drives.stop_not_sent_port"
+
+
+@pytest.mark.parametrize("name", ["port", "stray_replies", "parity"])
+def test_a_step_whose_port_cannot_be_opened_names_no_finding_that_it_did_not_make(
+    bench: SimulatedBus, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without a port it said that replies were accepted with a wrong parity, and that another adapter is needed."""
+    bench.unplug()
+    found = step(name)
+    assert (found.verdict, found.reason) == (StepResult.FAILED, "acceptance.not_completed")
+    assert isinstance(found.figures["error"], PortError)
+
+
+def test_the_refusal_of_the_second_program_is_in_the_language_of_the_first(
+    pty: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(acceptance_command.output, "language", lambda: "zh")
+    assert "被另一个 drivebus" in owned(pty).figures["refused"]
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,7 @@ class TerminalAcceptance(AcceptanceSession):
 
     async def second_instance(self) -> dict[str, Any]:
         target = self._target
-        arguments = ["--model", target.model, "--address", str(target.address), "--json", "--lang", "en"]
+        arguments = ["--model", target.model, "--address", str(target.address), "--json", "--lang", output.language()]
         arguments += [] if target.baud is None else ["--baud", str(target.baud)]
         arguments += [] if target.format is None else ["--format", target.format]
         program = await asyncio.create_subprocess_exec(
