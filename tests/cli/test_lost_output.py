@@ -134,9 +134,10 @@ def full_disk(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_release_ends_with_the_code_of_its_results_where_its_output_is_lost() -> None:
     refused = error_to_json(NotFound("plant.no_drive", drive="fan-2"))
     done: dict[str, Any] = {"fan-1": {"status": "done"}}
-    assert print_results(done, "released", "release.done", "release.nothing") is ExitCode.DONE
-    assert print_results({}, "released", "release.done", "release.nothing") is ExitCode.DONE
-    assert print_results(done | {"fan-2": refused}, "released", "release.done", "release.nothing") is ExitCode.FAILED
+    keys = {"json_key": "released", "done": "release.done", "nothing": "release.nothing"}
+    assert print_results(done, **keys) is ExitCode.DONE
+    assert print_results({}, **keys) is ExitCode.DONE
+    assert print_results(done | {"fan-2": refused}, **keys) is ExitCode.FAILED
 
 
 class HeldKey:

@@ -12,7 +12,7 @@ def _release(*, service: str, drives: tuple[str, ...], group: str | None, everyt
     from drivebus.service.api.operations.selections import START_INHIBITS_RELEASE
 
     outcomes = call_on_selection(service, START_INHIBITS_RELEASE, drives, group, everything=everything)
-    return print_results(outcomes, "released", "release.done", "release.nothing")
+    return print_results(outcomes, json_key="released", done="release.done", nothing="release.nothing")
 
 
 command = CliCommand(

@@ -211,11 +211,11 @@ async def _stop_present(bus: Bus, drives: list[Drive]) -> tuple[StopReport, tupl
     lost, reports, lateness_s = drives, [], drives[0].dialect.station_config.timing.max_reply_lateness_s
     for _ in range(MAX_SWEEPS):
         present, lost = await _sweep(bus, lost)
-        last_reply_at = bus.now() + lateness_s
+        replies_due_until = bus.now() + lateness_s
         reports.append(await stop_bus(bus, present))
         if not lost or not await _is_open_soon(bus):
             break
-    await asyncio.sleep(max(0.0, last_reply_at - bus.now()))
+    await asyncio.sleep(max(0.0, replies_due_until - bus.now()))
     reports.append(await stop_bus(bus, _late_drives(bus, drives, reports)))
     report = replace(
         reports[0],

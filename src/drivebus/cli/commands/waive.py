@@ -12,7 +12,7 @@ def _waive(*, service: str, drives: tuple[str, ...], group: str | None, everythi
     from drivebus.service.api.operations.selections import WAIVERS_GRANT
 
     outcomes = call_on_selection(service, WAIVERS_GRANT, drives, group, everything=everything, reason=reason)
-    return print_results(outcomes, "waived", "waive.done", "waive.nothing")
+    return print_results(outcomes, json_key="waived", done="waive.done", nothing="waive.nothing")
 
 
 command = CliCommand(

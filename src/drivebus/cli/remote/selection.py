@@ -29,18 +29,21 @@ def call_on_selection(
     return results
 
 
-def print_results(outcomes: Mapping[str, Json], done_name: str, done_key: str, nothing_key: str) -> ExitCode:
-    """Print what was done and what was refused; ``done_name`` is the key of a drive's id in the JSON output."""
-    done = [drive for drive, one in outcomes.items() if one.get("status") == "done"]
+def print_results(outcomes: Mapping[str, Json], *, json_key: str, done: str, nothing: str) -> ExitCode:
+    """Print what was done and what was refused; ``done`` and ``nothing`` are keys of sentences.
+
+    ``json_key``: key of a drive's id in the JSON output.
+    """
+    done_drives = [drive for drive, one in outcomes.items() if one.get("status") == "done"]
     refused = {drive: one for drive, one in outcomes.items() if "code" in one}
     with output.continue_without_output():  # it is done
-        for drive in done:
-            output.print_json({done_name: drive}, stream=True)
-        if done:
-            output.print_message(done_key, drive=output.join(done, "items"))
+        for drive in done_drives:
+            output.print_json({json_key: drive}, stream=True)
+        if done_drives:
+            output.print_message(done, drive=output.join(done_drives, "items"))
         elif not refused:
-            output.print_json({done_name: None}, stream=True)
-            output.print_message(nothing_key)
+            output.print_json({json_key: None}, stream=True)
+            output.print_message(nothing)
         for drives, error in grouped_errors(refused):
             output.print_json({"refused": drives, "error": error.text("en"), "key": error.key}, stream=True)
             output.print_message("release.refused", why=error)
