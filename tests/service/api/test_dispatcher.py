@@ -26,6 +26,7 @@ from drivebus.service.api.dispatcher import MAX_RECORDING_S, STOP_AUDIT_TIMEOUT_
 from drivebus.service.api.errors import param_fault
 from drivebus.service.api.operations import OPERATIONS, Audit
 from drivebus.service.audit import AuditEntry
+from drivebus.service.audit.records import SESSION_ENDED
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Right
 from drivebus.service.config.model import GroupConfig
@@ -249,10 +250,30 @@ def test_an_event_that_is_no_operation_is_recorded_with_its_actor() -> None:
                 outcome="done",
             )
         ]
+
+    with_dispatcher(scenario)
+
+
+def test_what_has_happened_is_recorded_later_where_the_trail_fails_and_only_a_request_as_refused() -> None:
+    """A logout, or the end of control of a disabled user, was in the trail as refused, without its drives."""
+
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
+        ann = remote_actor()
+        await kit.call("lease.take", ann, drive="fan-1")
+        kit.trail.entries.clear()
         kit.trail.fails_silently = True
+        for event in ({"what": "user.change", "outcome": "requested"}, {"what": "logout", "outcome": "done"}):
+            with pytest.raises(AuditUnavailable):
+                await dispatcher.record(event, NO_RIGHTS)
         with pytest.raises(AuditUnavailable):
-            await dispatcher.record(event, NO_RIGHTS)
-        assert [entry.what for entry in kit.trail.entries] == ["login", "audit.refused"]
+            await kit.service.end_control("rights", ann)
+        entries = kit.trail.entries
+        assert [(one.what, one.outcome) for one in entries] == [
+            ("audit.refused", None),
+            ("logout", "done"),
+            (SESSION_ENDED, "done"),
+        ]
+        assert entries[0].params == {"what": "user.change"} and entries[2].params["drives"] == ["fan-1"]
 
     with_dispatcher(scenario)
 

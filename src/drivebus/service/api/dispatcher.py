@@ -196,13 +196,13 @@ class Dispatcher:
     async def record(self, event: Json, actor: Actor) -> None:
         """Record an event that is no operation: ``what``, ``target``, ``params``, ``outcome``.
 
-        Raises AuditUnavailable.
+        Raises AuditUnavailable; what has happened is written later then, and a request is recorded as refused.
         """
         entry = AuditEntry.from_json(event, actor)
         try:
             await self._record(entry)
         except AuditUnavailable:
-            self._record_nowait(_unrecorded_entry(entry))
+            self._record_nowait(_unrecorded_entry(entry) if entry.outcome == "requested" else entry)
             raise
 
     async def _record(self, entry: AuditEntry) -> int:
