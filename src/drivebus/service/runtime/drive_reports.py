@@ -59,7 +59,7 @@ def report_motion(plant: Plant, runtime: DriveRuntime, status: DriveStatus) -> N
         return
     is_starting = runtime.last_motion_at == inf  # a standstill may have been read before the start frame
     explained = runtime.last_known_turning or runtime.runs_for_service or is_starting
-    if runtime.state_was_known and state.turning and not explained:
+    if state.turning and not explained:
         plant.publish_event("start", runtime.id, "plant.started_by_itself")
     runtime.state_was_known, runtime.last_known_turning = True, state.turning
     if state.output_off and status.at is not None and status.at > runtime.last_motion_at + STANDSTILL_CONFIRM_S:
