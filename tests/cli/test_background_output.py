@@ -87,12 +87,17 @@ def test_ctrl_c_stops_a_motor_while_the_reader_of_the_output_does_not_read(monke
     assert "output_frequency" not in shown and len(shown.splitlines()) < 10
 
 
-def test_what_is_printed_meanwhile_comes_in_its_order_and_a_lost_reader_is_an_error() -> None:
+def test_what_is_printed_meanwhile_comes_in_its_order_and_a_lost_reader_is_an_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     pipe = FullPipe()
     background = BackgroundStream(pipe.stream)
-    for number in range(3):
-        background.write(f"{number}\n")
-    assert background.is_blocked
+    background.write("0\n")
+    with monkeypatch.context() as patched:
+        patched.setattr("drivebus.cli.background_output.WRITE_TIMEOUT_S", 10 * READER_RETURNS_S)
+        for number in (1, 2):
+            background.write(f"{number}\n")
+    assert background.is_blocked and not pipe.is_read.is_set(), "only the first text waits for the reader, briefly"
     pipe.is_read.set()
     background.close()
     assert pipe.end() == "0\n1\n2\n"

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import sys
 from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
 from drivebus.bus import timer
+from drivebus.cli.commands import jog as jog_command
 from drivebus.cli.commands import run as run_command
 from drivebus.cli.commands.jog import FIRST_REPEAT_TIMEOUT_S, _is_held
-from drivebus.cli.keyboard import KeyQueue
+from drivebus.cli.keyboard import KeyQueue, raw_keyboard
 from drivebus.cli.main import cli
+from drivebus.cli.signals import ShutdownSignal
 from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
 from drivebus.testing.virtual_time import run
 
@@ -80,3 +84,49 @@ def test_only_a_key_that_is_still_repeated_is_held(
 ) -> None:
     """The keys that waited for a frozen program started a jog, however long ago they were released."""
     assert run(is_held(batches, slept_s)) is held
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminal")
+def test_all_keys_that_waited_in_the_terminal_are_read_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read in two parts, the second one passed for repeats of a key that is still held."""
+    far, near = os.openpty()
+
+    async def keys_of_a_frozen_program() -> bool:
+        with os.fdopen(near, closefd=False) as terminal:
+            monkeypatch.setattr("sys.stdin", terminal)
+            with raw_keyboard() as keys:
+                os.write(far, b"f" * 1000)
+                key = await keys.get()
+                assert key == "f"
+                bus: Any = Clock()
+                return await _is_held(bus, keys, key)
+
+    assert not asyncio.run(keys_of_a_frozen_program())
+    os.close(far)
+    os.close(near)
+
+
+def test_a_single_press_after_a_jog_starts_no_other_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A repeat that was left in the queue made the next single press a held key."""
+    jogs: list[str] = []
+
+    async def jog_and_leave_a_repeat(session: Any, bus: Any, keys: KeyQueue, shutdown: Any, key: str) -> None:
+        jogs.append(key)
+        keys.on_keys("ff")
+        asyncio.get_running_loop().call_later(0.5, keys.on_keys, "f")
+        asyncio.get_running_loop().call_later(5.0, keys.on_keys, "q")
+
+    class JoggedDrive:
+        def jog(self, *_: Any, **__: Any) -> None:
+            """Begin no session: the jog itself is replaced."""
+
+    async def scenario() -> None:
+        keys, bus = KeyQueue(), Clock()
+        for pause_s in (0.1, 0.4):
+            asyncio.get_running_loop().call_later(pause_s, keys.on_keys, "f")
+        drive: Any = JoggedDrive()
+        await jog_command._until_quit(bus, drive, keys, ShutdownSignal(), 5.0)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(jog_command, "_jog_while_held", jog_and_leave_a_repeat)
+    run(scenario())
+    assert jogs == ["f"]
