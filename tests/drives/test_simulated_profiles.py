@@ -27,7 +27,10 @@ from drivebus.simulator.motor import Trip
 from drivebus.testing.virtual_time import run
 
 MODELS = [name for name in profiles.models() if name not in simulated_models()]
-NUMBERED = [name for name in MODELS if profiles.load(name).commands.values]  # type: ignore[union-attr]
+NUMBERED = {
+    repr(commands): name for name in MODELS if (commands := profiles.load(name).commands) and commands.values
+}.values()
+"""One model of each set of commands that are numbers."""
 
 STATELESS = [name for name in MODELS if profiles.load(name).commands and profiles.load(name).status is None]
 

@@ -582,10 +582,10 @@ def test_a_drive_that_reports_running_while_it_is_stopped_is_not_run_by_a_new_fr
     """
 
     async def scenario() -> None:
-        async with SimulatedDrives(model, query=f"ramp={ramp_s}") as bench:
+        async with SimulatedDrives(model) as bench:
             drive, hz = bench.drive(), SAFE_HZ[model]
-            await drive.run(hz, wait=True, timeout_s=ramp_s)
-            bench.station().motor.stop()
+            await drive.run(hz, wait=True)
+            bench.station().motor.stop(ramp_s)
             await asyncio.sleep(0.2 * ramp_s * hz / 50)
             with pytest.raises(TargetNotReached) as caught:
                 await drive.run(hz)

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from drivebus.service.auth import throttle as throttle_module
 from drivebus.service.auth.errors import NotAuthenticated, TooManyAttempts
 from drivebus.service.auth.throttle import (
     FREE_ATTEMPTS,
     MAX_LOGIN_DELAY_S,
-    MAX_THROTTLED_KEYS,
     MIN_LOGIN_DELAY_S,
     THROTTLE_WINDOW_S,
     AttemptKeys,
@@ -118,18 +118,26 @@ def test_a_right_password_does_not_reset_other_failures() -> None:
     assert throttle.wait_s(keys("a"), 20.0 - 11.0) == MIN_LOGIN_DELAY_S
 
 
-def test_names_that_were_tried_once_never_push_out_a_name_that_is_guessed() -> None:
+@pytest.fixture
+def max_keys(monkeypatch: pytest.MonkeyPatch) -> int:
+    """Let a throttle keep few keys: filling the 30,000 of a service takes seconds."""
+    monkeypatch.setattr(throttle_module, "MAX_THROTTLED_KEYS", 300)
+    monkeypatch.setattr(throttle_module, "_EVICTED_AT_ONCE", 15)
+    return 300
+
+
+def test_names_that_were_tried_once_never_push_out_a_name_that_is_guessed(max_keys: int) -> None:
     throttle, chance = LoginThrottle(), random.Random(1)
     for _ in range(FREE_ATTEMPTS):
         throttle.record_attempt(keys("user:li"), 0.0)
-    for n in range(3 * MAX_THROTTLED_KEYS):
-        throttle.record_attempt(keys(f"user:{chance.random()}"), n / MAX_THROTTLED_KEYS)
-    assert throttle.wait_s(keys("user:li"), 0.0) > 0.0 and len(throttle._attempts) <= MAX_THROTTLED_KEYS
+    for n in range(3 * max_keys):
+        throttle.record_attempt(keys(f"user:{chance.random()}"), n / max_keys)
+    assert throttle.wait_s(keys("user:li"), 0.0) > 0.0 and len(throttle._attempts) <= max_keys
 
 
-def test_keys_whose_attempts_have_expired_are_dropped_before_any_other() -> None:
+def test_keys_whose_attempts_have_expired_are_dropped_before_any_other(max_keys: int) -> None:
     throttle = LoginThrottle()
-    for n in range(MAX_THROTTLED_KEYS):
+    for n in range(max_keys):
         throttle.record_attempt(keys(f"user:{n}"), 0.0)
         throttle.record_attempt(keys(f"user:{n}"), 0.0)
     throttle.record_attempt(keys("user:li"), THROTTLE_WINDOW_S)
