@@ -276,7 +276,7 @@ def test_a_motor_left_alone_whose_stop_cannot_be_sent_is_an_unconfirmed_stop(ben
 def test_a_step_whose_port_cannot_be_opened_names_no_finding_that_it_did_not_make(
     bench: SimulatedBus, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Without a port it said that replies were accepted with a wrong parity, and that another adapter is needed."""
+    """Regression: a missing port was reported as replies with a wrong parity, and a new adapter was asked for."""
     bench.unplug()
     found = step(name)
     assert (found.verdict, found.reason) == (StepResult.FAILED, "acceptance.not_completed")
