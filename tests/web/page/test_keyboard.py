@@ -94,6 +94,35 @@ def test_escape_withdraws_the_second_step_and_leaves_its_window_open(stage: Stag
     page.locator("dialog").wait_for(state="detached")
 
 
+UNCOVERED = """(one) => {
+  const { left, top, width, height } = one.getBoundingClientRect();
+  const places = [[0.1, 0.5], [0.5, 0.15], [0.5, 0.5], [0.5, 0.85], [0.9, 0.5]];
+  return places.every(([x, y]) => one.contains(document.elementFromPoint(left + x * width, top + y * height)));
+}"""
+
+
+def test_what_has_the_focus_is_not_covered_by_what_stays_in_place(visit: Any) -> None:
+    """Read lay below the fields of the parameters, and the end of a token below the buttons of its window."""
+    page = visit("#/drive/fan-1?tab=parameters")
+    page.click("[data-do=take]")
+    page.locator("td.pinned input").first.wait_for()
+    page.locator("[data-do=review]").scroll_into_view_if_needed()
+    read = page.locator("td.corner .button").first
+    page.locator("td.pinned input").first.focus()
+    page.keyboard.press("Shift+Tab")
+    assert read.evaluate("one => one === document.activeElement") and read.evaluate(UNCOVERED)
+    page.evaluate("location.hash = '#/settings?tab=tokens'")
+    page.set_viewport_size({"width": 640, "height": 450})
+    page.locator("[role=tabpanel]").get_by_role("button").first.press("Enter")
+    end = page.locator("dialog select")
+    end.wait_for()
+    for _ in range(20):
+        page.keyboard.press("Tab")
+        if end.evaluate("one => one === document.activeElement"):
+            break
+    assert end.evaluate(UNCOVERED)
+
+
 COMPOSING = "(one, key) => one.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true, isComposing: true }))"
 
 
