@@ -342,6 +342,31 @@ def test_the_page_of_a_drive_names_its_own_alarms_each_once(draw: Draw, fan: Any
     assert text_of(without_status, *quiet) == i18n.text("page.no_drive_alarm", "en")
 
 
+def test_an_alarm_of_a_drive_that_a_reload_has_replaced_is_not_shown_as_one_of_its_successor(
+    draw: Draw, fan: Any
+) -> None:
+    """The tile and the page of the new motor had the mark of a fault that another one had, and the list led there."""
+    kind, name = SystemAlarm.INTERLOCK_TRIP, Text("old fan", "旧风机")
+    raised = system_alarm("1", kind, drive="fan-1", name=name, now_ms=0, subject="", params={"interlock": "cool"})
+    view = fan | ONLINE_AND_STOPPED
+    to_acknowledge = i18n.text("page.alarms_to_acknowledge", "en")
+    replaced = i18n.text("page.alarm_drive_replaced", "en", drive="fan-1")
+    for is_replaced in (False, True):
+        alarm = raised.as_json() | {"cleared_ms": 1, "drive_replaced": is_replaced}
+        topics = {"alarms": {"active": [alarm]}, "drives/fan-1": view}
+        assert (
+            to_acknowledge in draw("drive/current-fault", "CurrentFault", {"view": view}, topics=topics)
+        ) is not is_replaced
+        assert bool(draw("fleet/tile", "Tile", {"id": "fan-1"}, topics=topics, only=".priority")) is not is_replaced
+        for module, part, props in (
+            ("alarms/alarm-rows", "AlarmRows", {"alarms": [alarm]}),
+            ("alarms/alarm-strip", "AlarmStrip", {}),
+        ):
+            assert (replaced in draw(module, part, props, topics=topics)) is is_replaced
+            links = draw(module, part, props, topics=topics, only="a[href*=fan-1]")
+            assert bool(links) is not is_replaced
+
+
 def test_the_last_stop_has_its_kind_and_its_user(draw: Draw, fan: Any) -> None:
     keys = {
         "drive": "page.last_stop_drive",

@@ -32,9 +32,13 @@ const conditionOf = (alarm) => JSON.stringify([alarm.kind, alarm.title, alarm.se
 /** Name of the subject of an alarm that concerns no drive; a file by itself. */
 export const subjectName = (subject) => (hasKey(`alarms.subject.${subject}`) ? t(`alarms.subject.${subject}`) : subject);
 
+/** Name of the drive of an alarm that a reload has removed or replaced since: the present title may be that of another motor. */
+export const replacedName = (alarm) => t("page.alarm_drive_replaced", { drive: alarm.drive });
+
 /** Name of an alarm's drive or bus, else of its subject. */
-const nameOf = ({ drive: id, subject }) => {
-  if (id) return driveTitle(id);
+const nameOf = (alarm) => {
+  const { drive: id, subject } = alarm;
+  if (id) return alarm.drive_replaced ? replacedName(alarm) : driveTitle(id);
   const onBus = subject && bus(subject).value;
   return onBus ? titleOf(onBus) : subjectName(subject);
 };

@@ -20,16 +20,19 @@ export const unacknowledged = (alarms) => alarms.filter((alarm) => !isAcknowledg
  * user has acknowledged, then newest first. */
 export const openAlarms = () => active().filter((alarm) => !isShelved(alarm)).sort(byUrgency);
 
+/** Open alarms of the present drives, without those of a drive whose id a reload has removed or given to another motor. */
+const alarmsOfDrives = () => openAlarms().filter((alarm) => !alarm.drive_replaced);
+
 /** First open alarm of each drive. */
-const firstByDrive = computed(() => new Map(openAlarms().reverse().map((alarm) => [alarm.drive, alarm])));
+const firstByDrive = computed(() => new Map(alarmsOfDrives().reverse().map((alarm) => [alarm.drive, alarm])));
 
 /** The most urgent open alarm of a drive, or undefined. */
 export const mostUrgentAlarm = (id) => firstByDrive.value.get(id);
 
 /** Open alarms of a drive whose condition holds, the most urgent first. */
-export const activeAlarmsOf = (id) => uncleared(openAlarms()).filter((alarm) => alarm.drive === id);
+export const activeAlarmsOf = (id) => uncleared(alarmsOfDrives()).filter((alarm) => alarm.drive === id);
 
-const waitingDrives = computed(() => new Set(unacknowledged(openAlarms()).map((alarm) => alarm.drive)));
+const waitingDrives = computed(() => new Set(unacknowledged(alarmsOfDrives()).map((alarm) => alarm.drive)));
 
 /** Whether an open alarm of a drive, active or cleared, waits for its acknowledgement. */
 export const hasUnacknowledgedAlarm = (id) => waitingDrives.value.has(id);

@@ -9,7 +9,7 @@ import { href } from "../router.js";
 import { may } from "../session.js";
 import { bus } from "../store.js";
 import { Button, ErrorNote, useRequest, withCommands } from "../ui.js";
-import { acknowledgeAll, groupAlarms, groupSubject, subjectName, subjectNames, unshelveAll } from "./alarm-groups.js";
+import { acknowledgeAll, groupAlarms, groupSubject, replacedName, subjectName, subjectNames, unshelveAll } from "./alarm-groups.js";
 import { AlarmState, PriorityMark } from "./alarm-state.js";
 import { ShelveDialog } from "./shelve-dialog.js";
 import { driveTitle } from "../titles.js";
@@ -115,5 +115,6 @@ export function AlarmDetails({ alarm }) {
   const onBus = BUS_ALARMS.includes(alarm.kind) && bus(alarm.subject).value;
   if (!alarm.drive && onBus) return html`<a href=${href("buses", alarm.subject)}>${titleOf(onBus)}</a>`;
   if (!alarm.drive) return subjectName(alarm.subject ?? "");
+  if (alarm.drive_replaced) return replacedName(alarm);
   return html`<a href=${href("drive", alarm.drive)}>${driveTitle(alarm.drive)}</a>`;
 }

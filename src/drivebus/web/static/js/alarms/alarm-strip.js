@@ -42,7 +42,7 @@ export function alarmLine(equal) {
 function StripAlarm({ equal, others }) {
   const [alarm] = equal;
   const cleared = isCleared(alarm);
-  const way = alarm.drive && equal.length === 1 ? href("drive", alarm.drive) : href("alarms");
+  const way = alarm.drive && !alarm.drive_replaced && equal.length === 1 ? href("drive", alarm.drive) : href("alarms");
   return html`<div class=${`banner alarm ${alarm.priority} ${cleared ? "cleared" : ""}`}><${PriorityMark}
     priority=${alarm.priority} />${cleared && html`<b class="state">${t("page.alarm_cleared")}</b>`}
     <a href=${way}>${withCommands(alarmLine(equal))}</a>
