@@ -150,13 +150,18 @@ class GroupCommands:
             raise ControlNotHeld("plant.lease_gone", drive=runtime.id)
 
     async def _wait_for_slot(self, start: _GroupStart, runtime: DriveRuntime, ticket: CommandTicket) -> float:
-        """Wait for the drive's turn; return the time from which its start deadline runs. Raises Superseded."""
+        """Wait for the drive's turn; return the time from which its start deadline runs.
+
+        Raises Superseded, and ControlNotHeld where the session that starts the group has ended.
+        """
         requested_at = ticket.issued_at
         while not self._is_slot_free(start, runtime):
             self._poll_accelerating(start.runtimes)
             await asyncio.sleep(SLOT_POLL_INTERVAL_S)
             requested_at = self.plant.now()
             check_not_superseded(self.plant, ticket)
+            if self.plant.leases.has_ended(start.actor.session, requested_at):
+                raise ControlNotHeld("plant.lease_gone", drive=runtime.id)
         return requested_at
 
     def _poll_accelerating(self, runtimes: list[DriveRuntime]) -> None:
