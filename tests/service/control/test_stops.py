@@ -924,37 +924,6 @@ def test_a_drive_counts_as_started_while_its_standstill_may_be_older_than_the_st
     run(scenario())
 
 
-@pytest.mark.parametrize("by_service", [True, False])
-def test_a_drive_first_read_as_turning_after_its_start_is_an_event_only_where_the_service_has_not_started_it(
-    by_service: bool,
-) -> None:
-    """A start without reply ends before the drive is read as turning."""
-
-    async def scenario() -> None:
-        async with running_service() as kit:
-            await ready(kit)
-            drive = kit.service.plant.drives["fan-1"]
-            drive.started_by_service = by_service
-            report_motion(kit.service.plant, drive, replace(drive.status(), state=DriveState.RUNNING))
-            assert kit.drives_of_events("plant.started_by_itself") == ["fan-1"] * (not by_service)
-
-    run(scenario())
-
-
-@pytest.mark.parametrize("adopted", [True, False])
-def test_a_standstill_ends_the_frequency_of_an_adopted_run_and_not_one_that_was_set_at_rest(adopted: bool) -> None:
-    async def scenario() -> None:
-        async with running_service() as kit:
-            await ready(kit)
-            drive = kit.service.plant.drives["fan-1"]
-            drive.adopted, drive.commanded_hz = adopted, 20.0
-            at = drive.last_motion_at + STANDSTILL_CONFIRM_S + 0.1
-            report_motion(kit.service.plant, drive, replace(drive.status(), state=DriveState.STOPPED, at=at))
-            assert drive.commanded_hz == (None if adopted else 20.0)
-
-    run(scenario())
-
-
 def test_a_stopping_service_starts_nothing_also_not_the_rest_of_a_group() -> None:
     async def scenario() -> None:
         async with running_service(plant_config(groups=(GROUP,))) as kit:
