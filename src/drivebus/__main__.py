@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 
 from drivebus.cli.extras import require_extra
@@ -11,14 +12,20 @@ from drivebus.terminal import open_missing_streams
 
 
 def main() -> None:
-    """Run the command line; without the packages of the extra ``cli`` print what to install and exit with 2."""
+    """Run the command line; without the packages of the extra ``cli`` print what to install and exit with 2.
+
+    Ctrl-C while it is loaded ends it as later, without a traceback.
+    """
     open_missing_streams()
     try:
         require_extra("cli")
     except ConfigurationError as error:
         print(error.text(preferred()), file=sys.stderr)
         sys.exit(2)
-    from drivebus.cli.main import main
+    try:
+        from drivebus.cli.main import main
+    except KeyboardInterrupt:
+        sys.exit(128 + signal.SIGINT)
 
     main()
 

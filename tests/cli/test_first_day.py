@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import logging.handlers
+import sys
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
 
@@ -13,6 +14,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from drivebus import i18n
+from drivebus.__main__ import main as start_command_line
 from drivebus.cli import output
 from drivebus.cli.commands import serve
 from drivebus.cli.demo import host
@@ -165,3 +167,14 @@ def test_serve_at_a_terminal_begins_with_the_address_and_not_with_a_checkpoint(
     plant.write_text(SHOP_FILE)
     assert serve._serve(str(plant), ("web",), "text") is ExitCode.DONE
     assert calls == [{"without_events": left_out}]
+
+
+def test_ctrl_c_while_the_command_line_is_loaded_ends_it_without_a_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Loading(ModuleType):
+        def __getattr__(self, name: str) -> Any:
+            raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, "drivebus.cli.main", Loading("drivebus.cli.main"))
+    with pytest.raises(SystemExit) as ended:
+        start_command_line()
+    assert ended.value.code == ExitCode.INTERRUPTED
