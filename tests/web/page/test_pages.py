@@ -13,7 +13,7 @@ import pytest
 from drivebus import i18n
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.runtime import configuration_check
-from fixtures.browser import Stage
+from fixtures.browser import Stage, log_in
 from fixtures.browser_actions import expecting, trip, unplugged
 from fixtures.web_app import PASSWORD
 
@@ -967,6 +967,11 @@ def test_a_user_ends_another_session_and_this_one(visit: Any, expect: Any) -> No
         page.locator("dialog").wait_for(state="detached")
     for one in (page, lost):
         expect(one.get_by_role("button", name=word("log_in"), exact=True)).to_be_visible()
+        expect(one.locator("[data-text=session-ended]")).to_have_text(word("session_ended"))
+    log_in(lost, "operator")
+    lost.get_by_role("button", name=word("log_out")).click()
+    expect(lost.get_by_role("button", name=word("log_in"), exact=True)).to_be_visible()
+    expect(lost.locator("[data-text=session-ended]")).to_have_count(0)
 
 
 def test_a_password_is_changed_with_the_current_one(visit: Any, expect: Any) -> None:

@@ -43,18 +43,31 @@ export async function setUp(secret, name, password) {
   await loadSession();
 }
 
+/** Whether the session has ended without a log-out on this page: it expired, or was ended elsewhere. */
+export const hasEnded = signal(false);
+let isLoggingOut = false;
+let hadUser = false;
+
+session.subscribe((found) => {
+  const hasUser = Boolean(found?.user);
+  if (hasUser || hadUser) hasEnded.value = !hasUser && !isLoggingOut;
+  hadUser = hasUser;
+});
+
 /** Log-out that the server has not confirmed, {session, error}: the session may still be open. */
 export const failedLogout = signal(null);
 
 export async function logout() {
   const id = session.peek().session;
   failedLogout.value = null;
+  isLoggingOut = true;
   try {
     await api.post("/logout");
     session.value = { ...session.peek(), user: null, rights: [] };
   } catch (error) {
     if (error.status !== 401) failedLogout.value = { session: id, error };
   }
+  isLoggingOut = false;
   await loadSession().catch(() => null);
 }
 
