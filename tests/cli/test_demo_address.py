@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import secrets
 from pathlib import Path
 from typing import Any
 
@@ -44,3 +45,10 @@ def test_the_address_is_printed_even_if_the_page_answers_late(
     assert shown == [None], "the last caption of the script goes away"
     printed = capsys.readouterr().out
     assert f"http://127.0.0.1:{port}/#login=C0DE" in printed and "password pass-word" in printed
+
+
+def test_a_password_that_is_easily_guessed_by_chance_is_drawn_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """About one demo of 5,000 ended with the error that its own password is easily guessed."""
+    drawn = iter(("AbC_yxWws42w", "k3Zp_wR9vQx1"))
+    monkeypatch.setattr(secrets, "token_urlsafe", lambda size: next(drawn))
+    assert host.draw_password() == "k3Zp_wR9vQx1"

@@ -15,7 +15,7 @@ import socket
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from drivebus import i18n
@@ -49,6 +49,8 @@ from drivebus.service.alarms.log import ALARM_LOG_FILE, AlarmLog
 from drivebus.service.api.errors import localized
 from drivebus.service.app import Service
 from drivebus.service.auth.actor import local_actor
+from drivebus.service.auth.errors import InvalidInput
+from drivebus.service.auth.password_policy import check_password_policy
 from drivebus.service.auth.rights import Role
 from drivebus.service.auth.service import AuthService
 from drivebus.service.config import load, profile_of
@@ -101,7 +103,7 @@ async def _run_with_page(directory: Path, port: int) -> None:
     plant = create_demo_plant()
     await plant.start()
     try:
-        password = secrets.token_urlsafe(PASSWORD_BYTES)
+        password = draw_password()
         notice = localized("demo.login_notice", {"user": USER, "password": password})
         config = _write_config(plant, directory, free_port(port), notice)
         code = await prepare(config, password)
@@ -119,6 +121,13 @@ async def _run_with_page(directory: Path, port: int) -> None:
         await asyncio.gather(*tasks, return_exceptions=True)
     finally:
         await plant.close()
+
+
+def draw_password() -> str:
+    """Return a new password that the password policy accepts: it refuses about one of 5,000 random ones."""
+    while True:
+        with suppress(InvalidInput):
+            return check_password_policy(secrets.token_urlsafe(PASSWORD_BYTES), USER)
 
 
 def _write_config(plant: DemoPlant, directory: Path, port: int, login_notice: Json | None = None) -> PlantConfig:
