@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -185,6 +186,26 @@ def test_an_event_of_an_incident_that_is_no_command_has_its_own_sign(stage: Stag
     row.wait_for()
     assert row.locator(".sr").inner_text() == i18n.text("page.event_other", language)
     assert row.locator(".sign").inner_text() == "●"
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_parameters_of_a_recent_incident_appear_once_they_are_read(
+    stage: Stage, visit: Any, expect: Any, language: str
+) -> None:
+    """The page said that they could not be read, and kept to it, where it was opened right after the trip."""
+    trip(stage, "fan-3")
+    page = visit("#/alarms?tab=incidents", language=language)
+    read = {"raw": 50, "value": 5.0, "unit": "s", "quality": "good", "reason": None}
+    found = {"parameters": None, "time_ms": time.time() * 1000}
+    page.route("**/api/v1/incidents/*", lambda route: route.fulfill(json=route.fetch().json() | found))
+    page.locator(".incidents a").first.click()
+    parameters = page.locator(".panel", has=page.get_by_text(i18n.text("page.incident_parameters", language)))
+    expect(parameters.locator(".help")).to_have_text(i18n.text("page.parameters_being_read", language))
+    found["parameters"] = {"F0.9": read}
+    expect(parameters.locator("tbody td").first).to_have_text("F0.9")
+    found |= {"parameters": None, "time_ms": (time.time() - 121) * 1000}
+    page.reload()
+    expect(parameters.locator(".help")).to_have_text(i18n.text("page.parameters_not_read", language))
 
 
 UNREAD_CAPTURE = {"en": "the frames cannot be read", "zh": "无法读取报文"}

@@ -1,5 +1,5 @@
 // Incident: the record of a trip with the signals of the last minute, states, parameters and frames.
-import { html, useMemo, useState } from "../lib.js";
+import { html, useEffect, useMemo, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
 import { NO_VALUE, clock, moment, quantity } from "../format.js";
@@ -13,6 +13,7 @@ import { ReasonField, isLongEnough } from "../control/reason-field.js";
 import { adviceOf, faultText, namesFault } from "../drive/faults.js";
 import { IncidentList } from "../alarms/incident-list.js";
 import { saveText } from "../save.js";
+import { serviceNow } from "../store.js";
 import { driveTitle } from "../titles.js";
 import { StaticSource } from "../trend/static-source.js";
 import { Trend } from "../trend/trend.js";
@@ -20,13 +21,23 @@ import { HUES, firstLines } from "../trend/lines.js";
 
 await loadStylesheet("pages");
 
+const READ_AGAIN_MS = 2000;
+/** Time after the trip within which its parameters may still be read from the drive. */
+const READING_MS = 120_000;
+
 export function Page({ id }) {
   if (id === null) return html`<h1>${t("page.incidents")}</h1><${IncidentList} />`;
   return html`<${IncidentDetails} id=${id} />`;
 }
 
 function IncidentDetails({ id }) {
-  const [found, error] = useLoaded(() => api.get(`/incidents/${encodeURIComponent(id)}`), [id]);
+  const [found, error, reload] = useLoaded(() => api.get(`/incidents/${encodeURIComponent(id)}`), [id]);
+  const isReading = found !== null && !found.parameters && serviceNow() - found.time_ms < READING_MS;
+  useEffect(() => {
+    if (!isReading) return undefined;
+    const timer = setTimeout(reload, READ_AGAIN_MS);
+    return () => clearTimeout(timer);
+  }, [found, error]);
   if (!found) return html`<h1>${t("page.incident_n", { id })}</h1>${error ? html`<${ErrorNote}
     error=${error} />` : html`<${Loading} />`}`;
   return html`<h1>${driveTitle(found.drive)} · <time>${moment(found.time_ms)}</time></h1>
@@ -41,7 +52,7 @@ function IncidentDetails({ id }) {
     <section class="panel stack"><h2>${t("page.incident_signals")}</h2><${Signals} found=${found} /></section>
     <section class="panel stack"><h2>${t("page.incident_states")}</h2><${States} found=${found} /></section>
     <section class="panel stack"><h2>${t("page.incident_parameters")}</h2><${Parameters}
-      parameters=${found.parameters} /></section>
+      parameters=${found.parameters} isReading=${isReading} /></section>
     <section class="panel stack"><h2>${t("page.frames_title")}</h2><${IncidentFrames} frames=${found.frames ?? []} />
       </section>`;
 }
@@ -91,7 +102,7 @@ function States({ found }) {
 
 /** Samples of the incident as a trend. */
 function Signals({ found }) {
-  const source = useMemo(() => new StaticSource(found), [found]);
+  const source = useMemo(() => new StaticSource(found), [found.id]); // what was recorded stays
   const lines = source.lines.map(({ tag, signal, unit }, at) => ({
     tag, drive: found.drive, label: signalName(signal), unit, hue: at % HUES,
   }));
@@ -101,8 +112,9 @@ function Signals({ found }) {
   return html`<${Trend} lines=${lines} source=${source} window=${source.window} hidden=${hidden} height=${320} />`;
 }
 
-function Parameters({ parameters }) {
-  if (!parameters) return html`<p class="help">${t("page.parameters_not_read")}</p>`;
+function Parameters({ parameters, isReading }) {
+  if (!parameters) return html`<p class="help">${t(isReading ? "page.parameters_being_read"
+    : "page.parameters_not_read")}</p>`;
   const rows = Object.entries(parameters);
   const columns = [
     [t("page.notation"), ([name]) => html`<code>${name}</code>`],
