@@ -192,7 +192,7 @@ def test_an_event_of_an_incident_that_is_no_command_has_its_own_sign(stage: Stag
 def test_parameters_of_a_recent_incident_appear_once_they_are_read(
     stage: Stage, visit: Any, expect: Any, language: str
 ) -> None:
-    """Opened right after the trip, the page said that they could not be read, and never showed them."""
+    """Right after the trip the page showed that they could not be read, and never changed that."""
     trip(stage, "fan-3")
     page = visit("#/alarms?tab=incidents", language=language)
     read = {"raw": 50, "value": 5.0, "unit": "s", "quality": "good", "reason": None}
