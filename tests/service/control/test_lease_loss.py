@@ -68,11 +68,7 @@ def test_a_session_that_ends_while_it_takes_control_gets_none() -> None:
 def test_a_jog_that_is_being_started_while_its_session_ends_is_stopped_at_once() -> None:
     async def scenario() -> None:
         async with running_service() as kit:
-            await asyncio.sleep(2)
-            await kit.grant_waivers()
-            await kit.call("lease.take", ANN, drive="fan-1")
-            token = (await kit.call("drive.arm", ANN, drive="fan-1"))["arm_token"]
-            jog = asyncio.create_task(kit.call("drive.jog", ANN, drive="fan-1", frequency_hz=5.0, arm_token=token))
+            jog = await kit.begin(ANN, "drive.jog", "fan-1", 5.0)
             while kit.station("fan-1").motor.starts == 0:  # noqa: ASYNC110  the simulated drive has no event
                 await asyncio.sleep(0.001)
             assert not jog.done()

@@ -11,19 +11,9 @@ from drivebus.drives.state import DriveState
 from drivebus.errors import Superseded
 from drivebus.service.auth.rights import Role
 from drivebus.testing.virtual_time import run
-from drivebus.types import Json
-from fixtures.service import GROUPS, ServiceKit, plant_config, remote_actor, running_service
+from fixtures.service import GROUPS, plant_config, remote_actor, running_service
 
 ANN = remote_actor()
-
-
-async def begin_start(kit: ServiceKit, drive: str) -> asyncio.Task[Json]:
-    """Begin a start by Ann, once every drive is online."""
-    await asyncio.sleep(2)
-    await kit.grant_waivers()
-    await kit.call("lease.take", ANN, drive=drive)
-    arm = (await kit.call("drive.arm", ANN, drive=drive))["arm_token"]
-    return asyncio.create_task(kit.call("drive.run", ANN, drive=drive, frequency_hz=20.0, arm_token=arm))
 
 
 @pytest.mark.parametrize("drive", ["fan-1", "pump-1"])
@@ -36,7 +26,7 @@ def test_no_start_frame_is_sent_once_its_user_has_lost_control_and_one_sent_befo
 
     async def scenario(after_s: float) -> None:
         async with running_service() as kit:
-            starting = await begin_start(kit, drive)
+            starting = await kit.begin(ANN, "drive.run", drive, 20.0)
             await asyncio.sleep(after_s)
             assert not starting.done()
             starts = kit.station(drive).motor.starts
@@ -85,11 +75,7 @@ def test_a_group_start_ends_with_the_drive_whose_frame_had_left_and_tells_the_ot
 def test_a_jog_whose_frame_has_not_left_when_its_user_is_disabled_is_not_sent() -> None:
     async def scenario() -> None:
         async with running_service() as kit:
-            await asyncio.sleep(2)
-            await kit.grant_waivers()
-            await kit.call("lease.take", ANN, drive="fan-1")
-            arm = (await kit.call("drive.arm", ANN, drive="fan-1"))["arm_token"]
-            jogging = asyncio.create_task(kit.call("drive.jog", ANN, drive="fan-1", frequency_hz=5.0, arm_token=arm))
+            jogging = await kit.begin(ANN, "drive.jog", "fan-1", 5.0)
             await asyncio.sleep(0.1)
             await kit.service.end_control("rights", ANN)
             with pytest.raises(Superseded) as withdrawn:
@@ -106,7 +92,7 @@ def test_a_start_after_the_loss_of_control_is_another_command() -> None:
 
     async def scenario() -> None:
         async with running_service() as kit:
-            starting = await begin_start(kit, "fan-1")
+            starting = await kit.begin(ANN, "drive.run", "fan-1", 20.0)
             await kit.service.end_control("rights", ANN)
             bob = remote_actor("bob")
             await kit.call("lease.take", bob, drive="fan-1")
