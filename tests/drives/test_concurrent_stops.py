@@ -381,3 +381,28 @@ def test_the_deadline_grows_with_the_frames_of_concurrent_stops_but_not_without_
     del ops[1:]
     assert progress.deadline == pytest.approx(100.0 + timeout_s)  # the host was not asleep where the others ended first
     assert MAX_CONCURRENT_STOPS == 64
+
+
+def test_a_drive_that_answers_faster_than_before_does_not_pass_for_a_suspended_host_whose_stop_is_sent_again() -> None:
+    """The deadline came nearer while the stop waited for it: the stop began again and was reported 2 s later."""
+
+    async def scenario() -> tuple[Outcome, float]:
+        async with SimulatedDrives("dzb100", "1-2") as bench:
+            drive, other = bench.drive(1), bench.drive(2)
+            await run_drive(drive, "dzb100")
+            bench.station(1).faults.added_delay_s = 0.09
+            began = bench.bus.now()
+            stops = [asyncio.ensure_future(outcome_of(drive)) for _ in range(3)]
+            while not stops[0].done():  # stops of the other drive go before the reads that would confirm this one
+                stops.append(asyncio.ensure_future(outcome_of(other)))
+                await asyncio.sleep(0.05)
+                if bench.bus.now() - began > 2.1 and bench.station(1).faults.added_delay_s:
+                    bench.station(1).faults.added_delay_s = 0.0
+                    stops.append(asyncio.ensure_future(outcome_of(drive)))
+            took_s = bench.bus.now() - began
+            await asyncio.gather(*stops)
+            return stops[0].result(), took_s
+
+    outcome, took_s = run_virtual(scenario())
+    assert not outcome.succeeded
+    assert took_s == pytest.approx(3.04, abs=0.1)  # 20 transactions of the slow drive

@@ -41,6 +41,8 @@ UNCONFIRMED_ALARM_MAX_S = 2.0
 """Longest time after stop bound and ramp until a stop is confirmed or alarmed, in seconds."""
 TRANSACTIONS_AT_LIMIT = 16
 """The same as a number of failed polls, if that is longer: a drive may reply as late as its limit allows."""
+TRANSACTIONS_PER_OTHER_STOP = 2
+"""Failed polls by which each other stop of the drive at that time prolongs it."""
 
 
 class StopBus:
@@ -70,6 +72,8 @@ class StopBus:
         """Drives that were not started since their last stop."""
         self.open_commands: dict[int, list[UserCommand]] = {address: [] for address in LOAD_ADDRESSES}
         """Stops in progress, by address."""
+        self.most_concurrent: dict[UserCommand, int] = {}
+        """Most stops of the same drive at one time, for each stop in progress."""
         self._reader_tasks: list[asyncio.Task[None]] = []
         self.stop_timer = StopTimer(self.scenario, self._on_stop_sent)
         self.undelayed_s: list[tuple[float, float]] = []
@@ -183,7 +187,9 @@ class StopBus:
         )
 
     def _on_command(self, command: UserCommand) -> None:
-        self.open_commands[command.address].append(command)
+        commands = self.open_commands[command.address]
+        commands.append(command)
+        self.most_concurrent |= {each: max(self.most_concurrent.get(each, 1), len(commands)) for each in commands}
         self.drives_to_stop.add(command.address)
 
     def _stop_bus(self) -> None:
@@ -226,6 +232,7 @@ class StopBus:
 
     def _on_stop_ended(self, command: UserCommand, *, waited: bool, bound_s: float) -> None:
         self.open_commands[command.address].remove(command)
+        other_stops = self.most_concurrent.pop(command) - 1
         if command.outcome is None or command.ended_at is None:
             return self.violation(f"{command} ended with {command.error!r}")
         unconfirmed = isinstance(command.error, StopUnconfirmed)
@@ -244,9 +251,10 @@ class StopBus:
             self.worst_confirmation_s = max(self.worst_confirmation_s, took_s - self.ramp_s)
             over_s = took_s - bound_s - self.ramp_s
             self.campaign_run.count("alarmed late, at a drive's limit", int(over_s > UNCONFIRMED_ALARM_MAX_S))
+            transactions = TRANSACTIONS_AT_LIMIT + TRANSACTIONS_PER_OTHER_STOP * other_stops
             if over_s > max(
                 UNCONFIRMED_ALARM_MAX_S,
-                TRANSACTIONS_AT_LIMIT * self.stop_timer.bounds.failed_poll_s if self.variant.reports_running else 0.0,
+                transactions * self.stop_timer.bounds.failed_poll_s if self.variant.reports_running else 0.0,
             ):
                 self.violation(f"{command} was {command.result_word} after {took_s:.3f} s")
         return None

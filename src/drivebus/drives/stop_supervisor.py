@@ -91,14 +91,17 @@ class StopSupervisor:
         task = self.start_stop(operation, mode, self._runner.submit_first(operation))
         self._concurrent.add(op)
         task.add_done_callback(lambda _: self._concurrent.discard(op))
+        was_suspended = False
         while not task.done():
-            left_s = progress.deadline - bus.now()
+            deadline = progress.deadline  # it may come nearer while the bus turns out to be faster
+            left_s = deadline - bus.now()
             if left_s <= MIN_WAIT_S:
                 task.cancel()
                 self.start_repetition(mode)
-                return stop_operation.unconfirmed_outcome(op), left_s < -HOST_STALL_S
+                return stop_operation.unconfirmed_outcome(op), was_suspended
             await asyncio.wait({task}, timeout=left_s)
-        return task.result(), self.pending and bus.now() > progress.deadline + HOST_STALL_S
+            was_suspended = bus.now() > deadline + HOST_STALL_S
+        return task.result(), self.pending and was_suspended
 
     def _on_stop_ended(self, task: asyncio.Task[Outcome]) -> None:
         """Retrieve the exception: a stop whose caller is gone may end with its drive's registration."""
