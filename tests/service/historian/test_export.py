@@ -206,12 +206,12 @@ async def test_the_time_in_which_the_service_did_not_run_is_a_gap_after_each_las
     database: HistoryDatabase,
 ) -> None:
     """Also after a kill, at which nothing can be stored; a signal that was bad already needs no second gap."""
-    async with database.historian(marks_pause=True) as historian:
+    async with database.historian() as historian:
         historian.append([*samples([20.0, 21.0], TAGS[0]), *samples([50.0, None], TAGS[1])])
     for _ in range(2):
-        async with database.historian(marks_pause=True):
+        async with database.historian():
             pass
-    async with database.historian(marks_pause=True) as historian:
+    async with database.historian() as historian:
         historian.append(samples([0.0, 1.0], TAGS[0], NOON_MS + 600_000))
         await historian.flush()
         found = await rows(historian)

@@ -21,7 +21,7 @@ import pytest
 
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import Historian
-from fixtures.historian import NOON_MS, samples_of
+from fixtures.historian import NOON_MS, good_values, samples_of
 from peers import need_program
 
 CUTS = int(os.environ.get("DRIVEBUS_CUTS", "20"))
@@ -151,8 +151,10 @@ async def test_flushed_samples_survive_a_power_cut_at_any_moment(log: bytes, tmp
             for tag in historian.queries.tags()["tags"]:
                 found = await samples_of(historian, tag["tag"], 0, 2**60)
                 assert found.number == list(range(len(found.number)))
-                assert found.samples[1] == [float(number) for number in found.number]
-                assert len(found.number) >= 10 * acknowledged
+                values = good_values(found.samples[1])
+                assert values == [float(number) for number in range(len(values))]
+                assert len(values) >= 10 * acknowledged
+                assert len(found.number) - len(values) <= 1  # the gap of this start
             assert acknowledged == 0 or len(historian.queries.tags()["tags"]) == 4
         database = sqlite3.connect(folder / "history.db")
         assert database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]

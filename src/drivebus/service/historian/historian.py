@@ -63,14 +63,12 @@ class Historian:
         *,
         flush_s: float = FLUSH_INTERVAL_S,
         wall_ms: Callable[[], int] = clock.wall_ms,
-        marks_pause: bool = False,
         open_stores: Callable[[HistoryConfig, Path], tuple[HistoryStore, HistoryStore]] = open_stores,
     ) -> None:
-        """``marks_pause``: see ``HistoryWriter``."""
         writing, reading = open_stores(setting, directory)
         self._flush_s = flush_s
         self.queue = WriteQueue()
-        self.writer = HistoryWriter(writing, setting, self.queue, wall_ms=wall_ms, marks_pause=marks_pause)
+        self.writer = HistoryWriter(writing, setting, self.queue, wall_ms=wall_ms)
         self.queries = HistoryQueries(self.writer, reading)
         self._write_thread = ThreadPoolExecutor(1, "history-writer")
         self._task: asyncio.Task[None] | None = None

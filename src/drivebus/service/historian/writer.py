@@ -241,11 +241,8 @@ class HistoryWriter:
         queue: WriteQueue,
         *,
         wall_ms: Callable[[], int],
-        marks_pause: bool = False,
     ) -> None:
-        """``marks_pause``: mark the time before the start, in which nothing was read, as a gap of every tag."""
         self._store, self._setting, self._queue = store, setting, queue
-        self._marks_pause = marks_pause
         self._wall_ms, self._monotonic_s = wall_ms, time.monotonic
         self.open_blocks = OpenBlocks()
         self.problem: Text | None = None
@@ -338,8 +335,7 @@ class HistoryWriter:
                 compaction.age_clock_at_start(contents.clock, self._wall_ms()),
                 self._monotonic_s(),
             )
-            if self._marks_pause:
-                self._queue.append(self._pause_markers())
+            self._queue.append(self._pause_markers())
         self._is_open = self._was_open = True
 
     def _replay(self, contents: StoreContents) -> None:

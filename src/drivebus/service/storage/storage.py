@@ -35,7 +35,7 @@ class Storage:
     def of(cls, config: PlantConfig, *, wall_ms: Callable[[], int] = wall_ms) -> Storage:
         """Return the storage in the state directory of a configuration, not opened yet."""
         directory = config.directory
-        historian = Historian(config.history, directory, wall_ms=wall_ms, marks_pause=True)
+        historian = Historian(config.history, directory, wall_ms=wall_ms)
         return cls(
             audit=AuditTrail.of(config),
             historian=historian,
