@@ -56,9 +56,9 @@ def main(arguments: list[str] | None = None) -> int:
             with chosen.trace.open("a", encoding="utf-8") as file:
                 run.listener = lambda line, file=file: print(line, file=file)
                 run_campaign(campaign, run)
-        _print(campaign, run, as_json=chosen.json)
-        if chosen.report is not None:
+        if chosen.report is not None:  # before anything is printed: a closed pipe loses no report
             print(f"Report: {report.write_report(chosen.report, campaign, run)}", file=sys.stderr)
+        _print(campaign, run, as_json=chosen.json)
         violations += run.violation_count
     return int(violations > 0)
 

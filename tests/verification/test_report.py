@@ -45,3 +45,16 @@ def test_a_report_names_its_interpreter_and_the_commit_at_the_start_of_its_run(
     found = json.loads((tmp_path / "campaign-matrix.json").read_text(encoding="utf-8"))
     assert found["commit"] == "began"
     assert found["machine"]["python"] == f"{platform.python_implementation()} {platform.python_version()}"
+
+
+def test_a_report_is_written_before_its_summary_is_printed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """``| head -1`` closes the pipe: the run of an hour ended with a traceback and without its report."""
+
+    def print_to_closed_pipe(*texts: object, file: object = None) -> None:
+        if file is None:
+            raise BrokenPipeError
+
+    monkeypatch.setattr("builtins.print", print_to_closed_pipe)
+    with pytest.raises(BrokenPipeError):
+        main(["matrix", "--budget", "1", "--report", str(tmp_path)])
+    assert (tmp_path / "campaign-matrix.json").exists()

@@ -309,6 +309,6 @@ CAMPAIGN = Campaign(
     unit="instants",
     evidence_for=("I3",),
     full_budget=100_000,
-    ci_budget=600,
+    ci_budget=4_000,
     run=run,
 )
