@@ -300,7 +300,7 @@ def test_a_stop_begins_again_where_the_machine_slept_meanwhile(
 
 def test_a_stop_on_a_host_that_is_always_late_ends_as_unconfirmed(monkeypatch: pytest.MonkeyPatch) -> None:
     """It began again for ever, and its caller never learned that the drive had not stopped."""
-    monkeypatch.setattr(stop_supervisor, "HOST_STALL_S", -10.0)
+    monkeypatch.setattr(stop_supervisor, "MIN_SUSPENSION_S", -10.0)
 
     async def scenario() -> None:
         async with SimulatedDrives("c320", query="echo=off&ramp=1") as bench:

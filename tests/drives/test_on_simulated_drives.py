@@ -551,6 +551,19 @@ def test_a_bus_stop_names_the_drive_that_did_not_report() -> None:
     run_virtual(scenario())
 
 
+def test_a_bus_stop_confirms_drives_whose_state_takes_four_reads_on_a_line_that_loses_a_reply_in_fifty() -> None:
+    """The deadline had the time of two verified states of two or three reads: 2 of these 31 were reported."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives("md500_plus", "1-31", query="line_quality=loss=0.02&seed=1") as bench:
+            drives = [bench.drive(address) for address in range(1, 32)]
+            for drive in drives:
+                await drive.status()
+            assert (await stop_bus(bench.bus, drives)).unconfirmed == ()
+
+    run_virtual(scenario())
+
+
 # --- monitor ------------------------------------------------------------------------------------------------------
 
 

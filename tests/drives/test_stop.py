@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 from math import inf
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,9 +18,12 @@ from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, RetryP
 from drivebus.bus.station import Station
 from drivebus.drives import create_dialect
 from drivebus.drives.dialects.base import StopMode
-from drivebus.drives.operations.context import OperationContext
+from drivebus.drives.operations.context import VERIFICATION_ROUNDS, OperationContext
 from drivebus.drives.operations.stop import (
+    MAX_CONCURRENT_STOPS,
+    MAX_DECELERATION_S,
     STOP_PROGRESS_TIMEOUT_S,
+    STOP_PROGRESS_TIMEOUT_TRANSACTIONS,
     STOP_RESEND_INTERVAL_S,
     StopProgress,
     send_stop,
@@ -27,6 +32,7 @@ from drivebus.drives.operations.stop import (
 )
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveState
+from drivebus.drives.stop_supervisor import MIN_SUSPENSION_S, STOP_REPEAT_INTERVAL_S
 from drivebus.errors import HeaderError, NoReply, StopUnconfirmed, Superseded
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.protocols import dzb100, modbus, sunfar
@@ -43,6 +49,8 @@ from fixtures.drives import (
     operation_for,
     run_virtual,
 )
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def c320(fake: FakeC320) -> PureBus:
@@ -496,7 +504,11 @@ def test_the_only_next_step_after_a_rejected_stop_is_the_hard_wired_one(language
 
 
 def progress_of(
-    *, transaction_s: float = inf, slowed_at: float | None = None, deceleration_s: float | None = None, **drives: int
+    *,
+    transaction_s: float = inf,
+    slowed_at: float | None = None,
+    deceleration_s: float | None = None,
+    drive_count: int = 1,
 ) -> tuple[Any, StopProgress]:
     """Return an operation with this evidence, and the progress of its stop that began at 100 s."""
     op: Any = SimpleNamespace(
@@ -506,7 +518,7 @@ def progress_of(
         derived=DerivedState(DriveState.RUNNING),
         last_deceleration_at=slowed_at,
     )
-    return op, StopProgress(op, 100.0, **drives)
+    return op, StopProgress(op, 100.0, drive_count)
 
 
 @pytest.mark.parametrize(
@@ -514,10 +526,10 @@ def progress_of(
     [
         ({}, 102.0),
         ({"transaction_s": 0.01}, 102.0),
-        ({"transaction_s": 0.5}, 108.0),
-        ({"transaction_s": 0.05, "drives": 4}, 103.2),
+        ({"transaction_s": 0.5}, 111.0),
+        ({"transaction_s": 0.05, "drive_count": 4}, 104.4),
         ({"slowed_at": 110.0}, 112.0),
-        ({"slowed_at": 110.0, "transaction_s": 0.5}, 118.0),
+        ({"slowed_at": 110.0, "transaction_s": 0.5}, 121.0),
         ({"slowed_at": 300.0}, 220.0),
         ({"deceleration_s": 20.0}, 122.0),
         ({"deceleration_s": 20.0, "slowed_at": 110.0}, 122.0),
@@ -531,6 +543,35 @@ def test_a_stop_has_the_time_of_its_ramp_its_bus_and_its_progress_but_no_more(
 ) -> None:
     """A motor that never reaches 0 Hz is reported, and one with a long ramp is not reported too soon."""
     assert progress_of(**evidence)[1].deadline == pytest.approx(deadline)
+
+
+def test_the_time_of_a_stop_on_a_slow_bus_has_two_verified_states_and_two_stops_of_every_model() -> None:
+    needed: dict[str, int] = {}
+    for profile in map(profiles.load, profiles.models()):
+        dialect = create_dialect(profile, profile.addresses[0])
+        verified_state = VERIFICATION_ROUNDS * (1 + len(dialect.state_reads()))
+        needed[profile.model] = 2 * (verified_state + len(dialect.stop(StopMode.STOP)))
+    assert max(needed.values()) == STOP_PROGRESS_TIMEOUT_TRANSACTIONS, needed
+
+
+SECTION_OF_STOPS = {"en": "## How long a stop is repeated", "zh": "## 停机重复多久"}
+
+
+@pytest.mark.parametrize("language", SECTION_OF_STOPS)
+def test_the_page_about_stops_has_the_times_of_the_program(language: str) -> None:
+    suffix = "" if language == "en" else ".zh"
+    page = (ROOT / "docs" / "explanation" / f"bus-stop{suffix}.md").read_text(encoding="utf-8")
+    section = page.partition(SECTION_OF_STOPS[language])[2].partition("\n## ")[0]
+    seconds = [
+        STOP_PROGRESS_TIMEOUT_S,
+        STOP_RESEND_INTERVAL_S,
+        STOP_REPEAT_INTERVAL_S,
+        MAX_DECELERATION_S,
+        MIN_SUSPENSION_S,
+    ]
+    numbers = [STOP_PROGRESS_TIMEOUT_TRANSACTIONS, MAX_CONCURRENT_STOPS]
+    stated = [*(f"{value:g} s" for value in seconds), *map(str, numbers)]
+    assert [value for value in stated if re.search(rf"(?<!\d){re.escape(value)}(?!\d)", section) is None] == []
 
 
 @pytest.mark.parametrize("state", DriveState)

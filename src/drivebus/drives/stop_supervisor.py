@@ -19,7 +19,7 @@ from drivebus.drives.runner import OperationRunner
 T = TypeVar("T")
 
 STOP_REPEAT_INTERVAL_S = 1.0  # an unconfirmed stop is repeated until it is confirmed or a motion command comes
-HOST_STALL_S = 0.5  # a host that notices a deadline so late was suspended; a busy one is less late
+MIN_SUSPENSION_S = 0.5  # a host that notices a deadline later than this was suspended; a busy one is less late
 MIN_WAIT_S = 1e-6  # a shorter wait may not show on the clock of an event loop
 
 
@@ -54,7 +54,7 @@ class StopSupervisor:
         """
         self._runner.drive.require_capability(mode.value)
         outcome, was_suspended = await self._stop_once(mode, wait=wait, drive_count=drive_count)
-        if was_suspended:  # the drive's reports are from before that
+        if was_suspended:  # what the drive reported is from before the suspension
             outcome, _ = await self._stop_once(mode, wait=wait, drive_count=drive_count)
         if outcome.key == "drives.stop_answered":  # a caller with ``wait=False`` needs no more
             return outcome
@@ -80,9 +80,9 @@ class StopSupervisor:
         return outcome
 
     async def _stop_once(self, mode: StopMode, *, wait: bool, drive_count: int) -> tuple[Outcome, bool]:
-        """Return the outcome of a stop, and whether it is unconfirmed because the host slept until after it.
+        """Return the outcome of a stop, and whether it is unconfirmed only because the host was suspended meanwhile.
 
-        It is unconfirmed at its deadline, because its reads may still wait for their turn.
+        At the deadline the operation is cancelled, because its reads may still wait for their turn on the bus.
         """
         self.cancel_repetition()
         bus, op = self._runner.bus, self._runner.stop_context()
@@ -93,14 +93,14 @@ class StopSupervisor:
         task.add_done_callback(lambda _: self._concurrent.discard(op))
         was_suspended = False
         while not task.done():
-            deadline = progress.deadline  # it may come nearer while the bus turns out to be faster
+            deadline = progress.deadline  # kept: it comes nearer where a faster transaction shows a faster bus
             left_s = deadline - bus.now()
             if left_s <= MIN_WAIT_S:
                 task.cancel()
                 self.start_repetition(mode)
                 return stop_operation.unconfirmed_outcome(op), was_suspended
             await asyncio.wait({task}, timeout=left_s)
-            was_suspended = bus.now() > deadline + HOST_STALL_S
+            was_suspended = bus.now() > deadline + MIN_SUSPENSION_S
         return task.result(), self.pending and was_suspended
 
     def _on_stop_ended(self, task: asyncio.Task[Outcome]) -> None:

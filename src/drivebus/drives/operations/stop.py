@@ -1,7 +1,8 @@
 """Stop, coast and quick stop: sent before anything else and resent until the drive reports standstill.
 
-A stop needs no permit. It is withheld in one case only: the station has never answered as this model, whose stop may
-start another one (``DriveProfile.needs_model_check``).
+docs/explanation/bus-stop.md has the rules by which a stop is repeated, confirmed, and reported as unconfirmed. A stop
+needs no permit. It is withheld in one case only: the station has never answered as this model, whose stop may start
+another one (``DriveProfile.needs_model_check``).
 """
 
 from __future__ import annotations
@@ -21,68 +22,75 @@ from drivebus.errors import DrivebusError, PortLost
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.values import Text
 
-STOP_PROGRESS_TIMEOUT_S = 2.0  # a stop without progress for this long is reported as unconfirmed
-STOP_PROGRESS_TIMEOUT_TRANSACTIONS = 16  # two verified states and two stops: longer on a slow bus (300 baud: 10 s)
-MAX_CONCURRENT_STOPS = 64  # of one drive that prolong its deadline: the frames of all go before any read
-MAX_DECELERATION_S = 120.0  # longest deceleration that counts as progress, unless the drive's own ramp is longer
+STOP_PROGRESS_TIMEOUT_S = 2.0  # without a sign of deceleration for this long a stop is reported as unconfirmed
+STOP_PROGRESS_TIMEOUT_TRANSACTIONS = 22  # of each drive: two verified states and two stops where a state is four reads
+MAX_CONCURRENT_STOPS = 64  # of one drive that prolong its deadline: further stops must not put off its report for ever
+MAX_DECELERATION_S = 120.0  # a motor whose frequency only falls must be reported; a longer ramp that was read counts
 STOP_RESEND_INTERVAL_S = 0.5  # a decelerating drive gets the stop again, in case the first was lost
 STOP_POLL_INTERVAL_S = 0.05  # pause between two verified states
-UNVERIFIABLE_STOP_SENDS = 3  # repetitions for a drive that reports no run status (DF800)
+UNVERIFIABLE_STOP_SENDS = 3  # stops to a drive that reports no run status (DF800): no read shows that one was lost
 
 
 class StopProgress:
-    """Progress of a stop and its deadline."""
+    """Deadline of a stop, which moves on while the drive decelerates; rules: docs/explanation/bus-stop.md."""
 
     def __init__(
         self,
         op: OperationContext,
         started_at: float,
-        drives: int = 1,
+        drive_count: int = 1,
         concurrent: Collection[OperationContext] = (),
     ) -> None:
-        """``drives``: number of drives that are stopped at once and read in turns.
+        """``drive_count``: number of drives that are stopped at once and read in turns.
 
         ``concurrent``: all stops of this drive that are under way, this one among them.
         """
-        self._op, self._started_at, self._drives = op, started_at, drives
+        self._op, self._started_at, self._drive_count = op, started_at, drive_count
         self._concurrent = concurrent
-        self._stop_count, self._transaction_s = 1, inf
-        self._decelerating_at = self._checked_progress_at = started_at
+        self._most_concurrent = 1  # stops of this drive at once so far: the end of one does not shorten the deadline
+        self._fastest_transaction_s = inf  # of this stop and the concurrent ones; inf: none has a reply yet
+        self._deceleration_reported_at = started_at  # by the state of the drive; ``op`` has that by its frequency
+        self._progress_at_last_update = started_at
 
     @property
     def _last_progress_at(self) -> float:
-        """Time of the last reading that showed deceleration."""
-        return max(self._decelerating_at, self._op.last_deceleration_at or self._started_at)
+        """Time of the last sign of deceleration, else of the stop."""
+        return max(self._deceleration_reported_at, self._op.last_deceleration_at or self._started_at)
 
     def update(self, now: float) -> bool:
         """Return whether the drive has decelerated since the last update, by its frequency or its state."""
         derived = self._op.derived
         if derived.state in (DriveState.DECELERATING, DriveState.BRAKING) and not derived.by_frequency:
-            self._decelerating_at = now
-        before, self._checked_progress_at = self._checked_progress_at, self._last_progress_at
-        return self._checked_progress_at > before
+            self._deceleration_reported_at = now
+        before, self._progress_at_last_update = self._progress_at_last_update, self._last_progress_at
+        return self._progress_at_last_update > before
 
     @property
     def deadline(self) -> float:
-        """Time at which the stop is unconfirmed: without progress, or beyond the drive's ramp where that is known."""
-        without_progress = self._last_progress_at + max(STOP_PROGRESS_TIMEOUT_S, self._turns_s())
+        """Time at which the stop is reported as unconfirmed.
+
+        A timeout counts from the last sign of deceleration. The drive's ramp, where it was read, always has its time;
+        beyond that ramp or 120 s no deceleration counts.
+        """
+        timeout_s = max(STOP_PROGRESS_TIMEOUT_S, self._verification_s())
         ramp_end = self._started_at + STOP_PROGRESS_TIMEOUT_S + (self._op.drive.deceleration_s or 0.0)
-        longest = max(self._started_at + MAX_DECELERATION_S, ramp_end)
-        return min(max(without_progress, ramp_end), longest)
+        latest = max(self._started_at + MAX_DECELERATION_S, ramp_end)
+        return min(max(self._last_progress_at + timeout_s, ramp_end), latest)
 
-    def _turns_s(self) -> float:
-        """Return the time of the reads of all drives, and of the frames of concurrent stops, which go before them.
+    def _verification_s(self) -> float:
+        """Return the bus time of the verified states of all drives and of the frames of concurrent stops before them.
 
-        A stop whose own frame still waits takes the speed of the bus from the others. A drive that does not report
-        standstill is not read, so that its stop waits for none of them.
+        0 while no transaction shows the speed of the bus: a stop whose own frame still waits takes that of the others.
+        A drive that does not report standstill is not read, so that its stop waits for none of them.
         """
         if self._op.dialect.reports_run_state:
-            self._stop_count = max(self._stop_count, min(len(self._concurrent), MAX_CONCURRENT_STOPS))
-        self._transaction_s = min(
-            self._transaction_s, *(op.age.fastest_transaction_s for op in (self._op, *self._concurrent))
+            self._most_concurrent = max(self._most_concurrent, min(len(self._concurrent), MAX_CONCURRENT_STOPS))
+        self._fastest_transaction_s = min(
+            self._fastest_transaction_s, *(op.age.fastest_transaction_s for op in (self._op, *self._concurrent))
         )
-        transactions = STOP_PROGRESS_TIMEOUT_TRANSACTIONS + 2 * (self._stop_count - 1)
-        return transactions * self._drives * self._transaction_s if isfinite(self._transaction_s) else 0.0
+        transactions = STOP_PROGRESS_TIMEOUT_TRANSACTIONS + 2 * (self._most_concurrent - 1)
+        seconds = transactions * self._drive_count * self._fastest_transaction_s
+        return seconds if isfinite(seconds) else 0.0
 
 
 def stop(
@@ -112,12 +120,11 @@ def _send_and_confirm(
     answered = yield from send_stop(op, mode)
     if not op.dialect.reports_run_state:
         return (yield from _repeat_unverifiable(op, mode, answered=answered, last_sent_at=started_at))
-    if not wait_confirmed and not op.stops_sent:
+    if wait_confirmed:
+        return (yield from _until_confirmed(op, mode, started_at, progress))
+    if not op.stops_sent:
         return unconfirmed_outcome(op)
-    if not wait_confirmed:
-        key = "drives.stop_answered" if answered else "drives.stop_unanswered"
-        return op.outcome(OutcomeStatus.UNKNOWN, key)
-    return (yield from _until_confirmed(op, mode, started_at, progress))
+    return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_answered" if answered else "drives.stop_unanswered")
 
 
 def send_stop(op: OperationContext, mode: StopMode) -> DriveOperation[bool]:
