@@ -13,8 +13,8 @@ from math import inf, isfinite
 from typing import Any
 
 from drivebus.bus.messages import BusResult, RequestPriority, RetryPolicy
-from drivebus.drives.dialects.base import StopMode
-from drivebus.drives.operations.context import OperationContext
+from drivebus.drives.dialects.base import Dialect, StopMode
+from drivebus.drives.operations.context import VERIFICATION_ROUNDS, OperationContext
 from drivebus.drives.operations.steps import OWN_FRAME, DriveOperation, get_bus_conditions, wait
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import STATE_NOT_READ, DriveState
@@ -23,7 +23,7 @@ from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.values import Text
 
 STOP_PROGRESS_TIMEOUT_S = 2.0  # without a sign of deceleration for this long a stop is reported as unconfirmed
-STOP_PROGRESS_TIMEOUT_TRANSACTIONS = 22  # of each drive: two verified states and two stops where a state is four reads
+MIN_TIMEOUT_TRANSACTIONS = 16  # for each drive; most models verify two states with fewer, so that some may fail
 MAX_CONCURRENT_STOPS = 64  # of one drive that prolong its deadline: further stops must not put off its report for ever
 MAX_DECELERATION_S = 120.0  # a motor whose frequency only falls must be reported; a longer ramp that was read counts
 STOP_RESEND_INTERVAL_S = 0.5  # a decelerating drive gets the stop again, in case the first was lost
@@ -47,6 +47,7 @@ class StopProgress:
         """
         self._op, self._started_at, self._drive_count = op, started_at, drive_count
         self._concurrent = concurrent
+        self._transactions = timeout_transactions(op.dialect)
         self._most_concurrent = 1  # stops of this drive at once so far: the end of one does not shorten the deadline
         self._fastest_transaction_s = inf  # of this stop and the concurrent ones; inf: none has a reply yet
         self._deceleration_reported_at = started_at  # by the state of the drive; ``op`` has that by its frequency
@@ -88,9 +89,15 @@ class StopProgress:
         self._fastest_transaction_s = min(
             self._fastest_transaction_s, *(op.age.fastest_transaction_s for op in (self._op, *self._concurrent))
         )
-        transactions = STOP_PROGRESS_TIMEOUT_TRANSACTIONS + 2 * (self._most_concurrent - 1)
+        transactions = self._transactions + 2 * (self._most_concurrent - 1)
         seconds = transactions * self._drive_count * self._fastest_transaction_s
         return seconds if isfinite(seconds) else 0.0
+
+
+def timeout_transactions(dialect: Dialect) -> int:
+    """Return the number of transactions of two verified states and two stops, at least 16."""
+    verified_state = VERIFICATION_ROUNDS * (1 + len(dialect.state_reads()))
+    return max(MIN_TIMEOUT_TRANSACTIONS, 2 * (verified_state + len(dialect.stop(StopMode.STOP))))
 
 
 def stop(
