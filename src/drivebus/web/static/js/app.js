@@ -27,7 +27,7 @@ const loadPage = (page) => import(`./pages/${page}.js`).then((found) => { loaded
 function CurrentPage() {
   const { page, id, query } = route.value;
   const [, redraw] = useState(0);
-  const exists = PAGES.has(page);
+  const exists = PAGES.has(page) && (page !== "drive" || id !== null);
   const Page = loaded.get(page);
   useEffect(() => {
     if (!exists || Page) return;

@@ -9,6 +9,7 @@ const MAX_FEED_ITEMS = 500;
 
 const topics = new Map();
 const names = signal([]);
+const hasSnapshot = signal(false);
 /** Newest values that are not in their signals yet, oldest change first. */
 const pending = new Map();
 let isScheduled = false;
@@ -30,6 +31,8 @@ export function idsOf(kind) {
   }
   return idLists.get(kind);
 }
+/** Whether a snapshot has come and the plant has no such topic: one that it has may reach its signal some frames later. */
+export const isAbsent = (name) => topic(name).value === null && newest(name) === null && hasSnapshot.value;
 export const drive = (id) => topic(`drives/${id}`);
 export const bus = (id) => topic(`buses/${id}`);
 export const group = (id) => topic(`groups/${id}`);
@@ -125,6 +128,7 @@ export function applySnapshot(message) {
   topicOrder = new Map(Object.keys(message.topics).map((name, n) => [name, n]));
   for (const name of topics.keys()) if (!(name in message.topics) && newest(name) !== null) queueTopic(name, null);
   addTopics(message, () => null);
+  hasSnapshot.value = topicOrder.size > 0;
 }
 
 /** Apply a delta: changed topics, numbers of missed feed items, and removed topics. */

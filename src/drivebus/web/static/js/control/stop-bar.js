@@ -9,7 +9,7 @@ import { isLive } from "../live.js";
 import { route } from "../router.js";
 import { may } from "../session.js";
 import { usePublishedHeight } from "../published-height.js";
-import { drive, idsOf } from "../store.js";
+import { drive, idsOf, isAbsent } from "../store.js";
 import { dismissStop, shownStops, stop, targetName } from "./stops.js";
 import { ReleaseButton } from "./selection.js";
 import { StopAnyway } from "./stop-anyway.js";
@@ -48,11 +48,12 @@ function StopButton({ kind, id, children, ...rest }) {
       </button>`;
 }
 
-/** Scope of the page: the drive of its address, the groups of that drive or of the filter. */
+/** Scope of the page: the drive of its address, the groups of that drive or of the filter; none that the plant lacks. */
 function scope() {
   const { page, id, query } = route.value;
-  const view = page === "drive" ? drive(id).value : null;
-  return { drive: page === "drive" ? id : null, groups: view?.groups ?? (query.group ? [query.group] : []) };
+  const found = page === "drive" && id && !isAbsent(`drives/${id}`) ? id : null;
+  const filter = query.group && !isAbsent(`groups/${query.group}`) ? [query.group] : [];
+  return { drive: found, groups: (found && drive(found).value?.groups) || filter };
 }
 
 function GroupMenu({ groups }) {

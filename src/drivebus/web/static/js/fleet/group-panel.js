@@ -8,9 +8,9 @@ import { isLive } from "../live.js";
 import { hasControl, takeControl } from "../control/leases.js";
 import { openRequest, secondsLeft, withdrawRequests } from "../control/requests.js";
 import { isInOtherWindow, isMine, may } from "../session.js";
-import { drive, group } from "../store.js";
+import { drive, group, isAbsent } from "../store.js";
 import { Icon } from "../icons.js";
-import { Button, ErrorNote, Notice, useRequest, withCommands } from "../ui.js";
+import { Button, ErrorNote, Loading, Notice, useRequest, withCommands } from "../ui.js";
 import { Frequency, frequencyError, refusesFrequency } from "../control/frequency.js";
 import { ArmStart } from "../control/arm-start.js";
 import { kindsOf } from "./fleet-filter.js";
@@ -113,6 +113,7 @@ function Controls({ id, views }) {
 
 export function GroupPanel({ id }) {
   const found = group(id).value;
+  if (!found && !isAbsent(`groups/${id}`)) return html`<${Loading} />`;
   if (!found) return html`<${Notice} kind="warning">${t("page.no_such_group", { id })}<//>`;
   const views = found.drives.map((name) => drive(name).value).filter(Boolean);
   const leader = found.leader && drive(found.leader).value;

@@ -2,9 +2,9 @@
 import { html } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
 import { href } from "../router.js";
-import { bus, drive, idsOf } from "../store.js";
+import { bus, drive, idsOf, isAbsent } from "../store.js";
 import { Icon } from "../icons.js";
-import { Notice } from "../ui.js";
+import { Loading, Notice } from "../ui.js";
 import { NO_VALUE, duration } from "../format.js";
 import { slowInterval } from "../readings.js";
 import { loadStylesheet } from "../stylesheet.js";
@@ -55,6 +55,7 @@ function Meter({ label, value }) {
 
 function BusDetails({ id }) {
   const view = bus(id).value;
+  if (!view && !isAbsent(`buses/${id}`)) return html`<${Loading} />`;
   if (!view) return html`<${Notice} kind="warning">${t("page.no_such_bus", { id })}<//>`;
   return html`
     ${view.foreign_master && html`<${Notice} kind="bad"

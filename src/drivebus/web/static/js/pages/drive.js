@@ -5,10 +5,9 @@ import { api, drivePath } from "../api.js";
 import { Loading, Notice, useLoaded } from "../ui.js";
 import { Tabs } from "../tabs.js";
 import { href, replaceQuery } from "../router.js";
-import { connection } from "../live.js";
 import { stateOf } from "../readings.js";
 import { addSignalNames } from "../signal-names.js";
-import { bus, drive } from "../store.js";
+import { bus, drive, isAbsent } from "../store.js";
 import { groupTitle } from "../titles.js";
 import { StateMark } from "../drive/state-mark.js";
 import { CommLoss } from "../drive/comm-loss.js";
@@ -68,7 +67,7 @@ function Details({ view, query }) {
 
 export function Page({ id, query }) {
   const view = drive(id).value;
-  if (!view && connection.value === "starting") return html`<${Loading} />`;
+  if (!view && !isAbsent(`drives/${id}`)) return html`<${Loading} />`;
   if (!view) return html`<h1>${id}</h1><${Notice} kind="warning">${t("page.no_such_drive", { id })} <a href=${href("fleet")}>
     ${t("page.nav_fleet")}</a><//>`;
   return html`<${Head} view=${view} /><${CurrentFault} view=${view} />

@@ -1,0 +1,69 @@
+"""Addresses of a drive, a group or a bus that the plant does not have."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from drivebus import i18n
+from fixtures.browser import Stage, wait_until_live
+from fixtures.browser_actions import expecting
+
+STOPS = "(buttons) => buttons.map((one) => one.dataset.stop)"
+
+
+@pytest.mark.parametrize(
+    ("way", "key", "id"),
+    [
+        ("#/drive/fan-9", "page.no_such_drive", "fan-9"),
+        ("#/fleet?group=steam", "page.no_such_group", "steam"),
+        ("#/buses/chillers", "page.no_such_bus", "chillers"),
+        ("#/drive", "page.no_such_page", ""),
+    ],
+)
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_name_that_the_plant_lacks_is_named_and_no_stop_of_it_is_offered(
+    visit: Any, way: str, key: str, id: str, language: str
+) -> None:
+    """Regression: *Bus stop* of an unknown drive or group stood beside the others and ended in an error."""
+    expect = expecting()
+    page = visit(way, language=language)
+    expect(page.locator("main .notice.warning")).to_contain_text(i18n.text(key, language, id=id))
+    expect(page.locator(".stops .stop")).to_have_count(2)
+    assert page.locator(".stops .stop").evaluate_all(STOPS) == ["groups", "all"]
+    page.keyboard.press("F8")
+    expect(page.locator("[data-stop=all]")).to_be_focused()
+
+
+@pytest.mark.parametrize("way", ["#/drive/fan-1", "#/fleet?group=air", "#/buses/fans"])
+def test_a_page_without_a_snapshot_does_not_say_that_the_plant_lacks_its_drive(
+    stage: Stage, visit: Any, way: str
+) -> None:
+    """Regression: a page whose connection failed said that there is no such drive; its stop works meanwhile."""
+    expect = expecting()
+    page = visit("#/settings")
+    page.route_web_socket("**/api/v1/live*", lambda socket: socket.close())
+    page.goto(f"{stage.at}/{way}")
+    page.reload()
+    expect(page.locator(".connection.lost")).to_be_visible()
+    assert page.locator("main .notice.warning").count() == 0
+    if way == "#/drive/fan-1":
+        page.click("[data-stop=drive]")
+        expect(page.locator(".stop-status.good")).to_be_visible()
+
+
+def test_no_frame_of_a_page_that_opens_says_that_the_plant_lacks_its_drive(stage: Stage, visit: Any) -> None:
+    """Regression: between a snapshot and the frame that draws its drives the page said that there is no such drive."""
+    page = visit("#/fleet")
+    page.add_init_script(
+        """window.warnings = [];
+        new MutationObserver(() => {
+          for (const one of document.querySelectorAll("main > .notice.warning")) window.warnings.push(one.textContent);
+        }).observe(document, { childList: true, subtree: true });"""
+    )
+    page.goto(f"{stage.at}/#/drive/pump-2")
+    page.reload()
+    wait_until_live(page)
+    page.locator(".drivehead").wait_for()
+    assert page.evaluate("window.warnings") == []
