@@ -72,3 +72,23 @@ def test_a_printed_incident_is_complete_and_its_chart_is_dark_on_white(stage: St
     assert page.locator(".trend-plot").evaluate("one => one.scrollWidth - one.clientWidth") <= 0
     chart = page.locator(".trend-plot canvas").evaluate("one => getComputedStyle(one).filter")
     assert ("invert" in chart) == (theme == "dark")
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_printed_fleet_names_its_filters_in_place_of_their_fields(stage: Stage, visit: Any, language: str) -> None:
+    """Regression: the sheet had a search field, lists and buttons, and not always a word of what it lacks."""
+    page = visit("#/fleet", language=language)
+    page.locator(".tile").first.wait_for()
+    expect, filtered = expecting(), page.locator(".filtered")
+    page.emulate_media(media="print")
+    expect(page.locator(".fleettools")).to_be_hidden()
+    expect(filtered).to_have_count(0)
+    page.emulate_media(media="screen")
+    page.fill("input[type=search]", "pump-2")
+    expect(page.locator(".tile")).to_have_count(1)
+    expect(filtered).to_be_hidden()
+    page.emulate_media(media="print")
+    by = i18n.text("page.filter_search", language, text="pump-2")
+    expect(filtered.get_by_role("status")).to_have_text(i18n.text("page.filtered", language, n=1, total=5, by=by))
+    expect(filtered.get_by_role("status")).to_be_visible()
+    expect(filtered.locator(".button")).to_be_hidden()
