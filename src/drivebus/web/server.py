@@ -128,6 +128,8 @@ class HttpServer:
                     tls.follow_files()
                 closed.report(asyncio.get_running_loop().time())
         finally:
+            if self._ending.is_set():
+                self.app.state.live.close("shutdown")
             server.should_exit = True
             await serving
 

@@ -516,15 +516,16 @@ def test_a_takeover_is_named_by_its_user_and_by_whether_this_page_saw_it(draw: D
         assert shown(draw("shell", "Shell", {}), keys.values(), owner=owner, name="fan-1", time="TIME") == []
 
 
-@pytest.mark.parametrize(
-    ("connection", "closed", "is_explained"),
-    [("live", None, False), ("starting", None, False), ("lost", None, True), ("lost", {"en": "A", "zh": "B"}, False)],
-)
-def test_a_lost_connection_is_explained_by_the_page_only_where_the_server_gave_no_reason(
-    draw: Draw, connection: str, closed: Any, is_explained: bool
+@pytest.mark.parametrize("closed", [None, {"en": "The service is ending.", "zh": "B"}])
+@pytest.mark.parametrize(("connection", "is_lost"), [("live", False), ("starting", False), ("lost", True)])
+def test_a_lost_connection_is_explained_by_the_page_also_where_the_server_gave_a_reason(
+    draw: Draw, connection: str, closed: Any, is_lost: bool
 ) -> None:
+    """Regression: *The service is ending* stood in place of what the page shows and of where to stop in danger."""
     text = draw("shell", "Shell", {}, connection=connection, closed=closed)
-    assert shown(text, ["page.offline_how"]) == ["page.offline_how"] * is_explained
+    how = i18n.text("page.offline_how", "en")
+    assert (how in text) == is_lost
+    assert (f"{(closed or {}).get('en')} {how}" in text) == (is_lost and closed is not None)
 
 
 def test_the_notice_of_a_lost_connection_names_a_page_that_has_moved_and_promises_no_stop() -> None:
@@ -532,10 +533,10 @@ def test_the_notice_of_a_lost_connection_names_a_page_that_has_moved_and_promise
     for language, expected, promise in (
         (
             "en",
-            ("another address", "log of the service", "until the service answers", "stop at the machine"),
+            ("another address", "log of the service", "for 30 s until the service answers", "stop at the machine"),
             "still sent",
         ),
-        ("zh", ("其他地址", "服务日志", "直到服务应答", "到现场停机"), "仍会发送"),
+        ("zh", ("其他地址", "服务日志", "30 秒内会重复发送，直到服务应答", "到现场停机"), "仍会发送"),
     ):
         text = i18n.text("page.offline_how", language)
         assert [words for words in expected if words not in text] == []

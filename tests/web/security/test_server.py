@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import errno
 import gc
+import json
 import os
 import resource
 import socket
@@ -13,12 +14,15 @@ import ssl
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
 import trustme
 from fastapi import FastAPI
 from starlette.websockets import WebSocket, WebSocketDisconnect
+from websockets.asyncio.client import connect
+from websockets.exceptions import ConnectionClosed
 
 from drivebus.errors import ConfigurationError
 from drivebus.service.auth.service import AuthService
@@ -129,6 +133,24 @@ async def test_the_server_moves_to_its_address_when_the_first_administrator_exis
             while len(text) < 2:  # noqa: ASYNC110  asyncio.timeout ends it
                 await asyncio.sleep(0.05)
             assert where(text[1])[0] == "127.0.0.2"
+
+
+async def test_a_server_that_ends_in_order_gives_each_websocket_the_reason(tmp_path: Path) -> None:
+    """Regression: while a service that was ending stopped its drives, the page had lost it without a reason."""
+    harness = WebAppHarness(tmp_path)
+    secret = await harness.token("viewer", "view")
+    messages: list[Any] = []
+    async with serving(harness, WebConfig(port=0)) as text:
+        host, port = where(text[0])
+        live = await connect(
+            f"ws://{host}:{port}/api/v1/live", additional_headers={"Authorization": f"Bearer {secret}"}
+        )
+        messages.append(json.loads(await live.recv()))
+    with pytest.raises(ConnectionClosed):
+        while True:
+            messages.append(json.loads(await live.recv()))
+    assert [one["type"] for one in messages] == ["snapshot", "closed"]
+    assert (messages[-1]["reason"], live.close_code) == ("shutdown", 1012)
 
 
 async def served_certificate(host: str, port: int) -> bytes:

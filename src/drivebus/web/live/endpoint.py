@@ -25,6 +25,10 @@ class LiveEndpoint:
         self._feed = UpstreamFeed(service, LIVE_ACTOR)
         self.open = 0
 
+    def close(self, reason: str) -> None:
+        """Close every WebSocket with a reason of ``CLOSE_CODES``."""
+        self._feed.close(reason)
+
     async def serve(self, socket: WebSocket) -> None:
         """Serve one client to its end. The authentication middleware has admitted it."""
         await socket.accept()

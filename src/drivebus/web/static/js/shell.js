@@ -89,9 +89,9 @@ function ConnectionNotice() {
   if (isLive.value) return null;
   if (connection.value === "starting") return html`<div class="banner info" role="status">${t("page.connecting")}</div>`;
   const age = duration(Math.max(0, now.value - lostAt.value) / 1000);
+  const between = t("language.between_sentences");
   return html`<div class="banner bad" role="alert"><${Icon} name="silent" /><span>
-    <strong role="timer">${t("page.offline", { age })}</strong>${t("language.between_sentences")}${closedText.value ? localized(closedText.value)
-      : t("page.offline_how")}</span>
+    <strong role="timer">${t("page.offline", { age })}</strong>${between}${closedText.value && localized(closedText.value) + between}${t("page.offline_how")}</span>
     <${Button} onClick=${reconnect}>${t("page.reconnect")}<//></div>`;
 }
 
