@@ -90,7 +90,7 @@ def test_a_user_is_disabled_enabled_given_a_new_password_and_removed(plant: Path
     credential = auth.session_credential(run(auth.login("bob", PASSWORD, "local")).secret)
     assert credential is not None
     assert user(plant, "disable", "bob").exit_code == 0
-    assert credential.end_reason == "rights", "the open session is ended"
+    assert credential.end_reason == "disabled", "the open session is ended"
     assert user(plant, "enable", "bob").exit_code == 0
     assert user(plant, "passwd", "bob", stdin="another pass phrase\n").exit_code == 0
     run(auth.login("bob", "another pass phrase", "local"))

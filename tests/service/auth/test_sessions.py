@@ -205,21 +205,36 @@ def test_an_expired_session_does_not_count_for_the_limit(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("reason", "change"),
     [
-        lambda user: replace(user, role=Role.VIEWER),
-        lambda user: replace(user, disabled=True),
-        lambda user: replace(user, password="another"),
+        ("role", lambda user: replace(user, role=Role.VIEWER)),
+        ("disabled", lambda user: replace(user, disabled=True)),
+        ("password", lambda user: replace(user, password="another")),
     ],
     ids=["role", "disabled", "password"],
 )
-def test_a_change_of_the_user_in_the_file_ends_the_session(tmp_path: Path, change) -> None:  # type: ignore[no-untyped-def]
+def test_a_change_of_the_user_in_the_file_ends_the_session(tmp_path: Path, reason: str, change) -> None:  # type: ignore[no-untyped-def]
     auth, _ = auth_service(tmp_path)
     secret, credential = login(auth)
     auth.user_file.change(lambda database: database.with_changed_user(change(database.user("operator"))))
     assert credential.actor.rights == frozenset()
     assert auth.session_credential(secret) is None
-    assert credential.session.end_reason == "rights"
+    assert credential.session.end_reason == auth.sessions.end_reason(secret) == reason
+
+
+def test_the_reasons_of_ended_sessions_are_kept_for_the_newest_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("drivebus.service.auth.sessions.MAX_ENDED_SESSIONS", 2)
+    auth, _ = auth_service(tmp_path)
+    secrets = []
+    for _ in range(3):
+        secret, credential = login(auth)
+        assert auth.sessions.end_reason(secret) is None
+        credential.session.end("logout")
+        secrets.append(secret)
+        auth.sessions.end_reason(secret)
+    assert [auth.sessions.end_reason(secret) for secret in [*secrets, "another"]] == [None, "logout", "logout", None]
 
 
 def test_a_waiting_task_is_notified_of_the_end_within_a_second(tmp_path: Path) -> None:
@@ -233,7 +248,7 @@ def test_a_waiting_task_is_notified_of_the_end_within_a_second(tmp_path: Path) -
         assert not waiting.done()
         auth.user_file.change(lambda database: database.without_user("operator"))
         started = loop.time()
-        assert await waiting == "rights"
+        assert await waiting == "removed"
         return loop.time() - started
 
     assert run(scenario(), max_s=60.0) <= 1.0
@@ -245,7 +260,7 @@ def test_a_new_password_ends_every_other_session_and_gives_a_new_secret(tmp_path
     second, credential = login(auth)
     opened = run(auth.change_password(credential.session, PASSWORD, "a quite new pass phrase"))
     assert auth.sessions.of_user("operator") == [opened.session], "at once, before the next request"
-    assert credential.session.end_reason == "rights"
+    assert credential.session.end_reason == "password"
     assert auth.session_credential(first) is None and auth.session_credential(second) is None
     assert auth.session_credential(opened.secret) is not None
     with pytest.raises(NotAuthenticated):
@@ -266,9 +281,13 @@ def change_during_hashing(auth: AuthService, monkeypatch: pytest.MonkeyPatch, **
     monkeypatch.setattr(auth.passwords, "hash", slow)
 
 
-@pytest.mark.parametrize("changed", [{"role": Role.VIEWER}, {"disabled": True}], ids=["demoted", "disabled"])
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [({"role": Role.VIEWER}, "role"), ({"disabled": True}, "disabled")],
+    ids=["demoted", "disabled"],
+)
 def test_a_password_change_restores_no_right_that_was_withdrawn_meanwhile(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changed: dict[str, object]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changed: dict[str, object], reason: str
 ) -> None:
     auth, _ = auth_service(tmp_path)
     _, credential = login(auth)
@@ -278,7 +297,7 @@ def test_a_password_change_restores_no_right_that_was_withdrawn_meanwhile(
     assert rejected.value.key == "auth.wrong_password"
     found = auth.database.user("operator")
     assert {name: getattr(found, name) for name in changed} == changed
-    assert auth.sessions.of_user("operator") == [credential.session] and credential.end_reason == "rights"
+    assert auth.sessions.of_user("operator") == [credential.session] and credential.end_reason == reason
 
 
 @pytest.mark.parametrize(

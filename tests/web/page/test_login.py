@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from drivebus import i18n
+from drivebus.service.auth.rights import Role
+from drivebus.service.auth.sessions import SESSION_LIFETIME_S
 from drivebus.service.auth.users import UserDatabase
 from fixtures.browser import Stage
+from fixtures.browser_actions import expecting
 from fixtures.web_app import PASSWORD, USERS
 
 
@@ -180,3 +185,60 @@ def test_the_language_chosen_last_is_shown_and_stored_although_its_texts_came_fi
       return [i18n.language.value, loadPreference("language"), document.documentElement.lang];
     }""")
     assert found == ["zh", "zh", "zh-CN"]
+
+
+ENDINGS = {
+    "logout": lambda stage: stage.access.end_sessions("operator", "logout"),
+    "ended": lambda stage: stage.access.end_sessions("operator", "ended"),
+    "expired": lambda stage: expire(stage),
+    "disabled": lambda stage: change(stage, disabled=True),
+    "role": lambda stage: change(stage, role=Role.VIEWER),
+    "password": lambda stage: change(stage, password=None),
+    "removed": lambda stage: stage.access.change_database(lambda database: database.without_user("operator")),
+}
+
+
+async def expire(stage: Stage) -> None:
+    for session in stage.access.sessions.of_user("operator"):
+        session.opened -= SESSION_LIFETIME_S
+
+
+async def change(stage: Stage, **fields: Any) -> None:
+    await stage.access.change_database(
+        lambda database: database.with_changed_user(replace(database.user("operator"), **fields))
+    )
+
+
+@pytest.mark.parametrize(("reason", "language"), zip(ENDINGS, itertools.cycle(["en", "zh"]), strict=False))
+def test_the_login_page_says_why_the_session_has_ended(stage: Stage, visit: Any, reason: str, language: str) -> None:
+    """Also after a reload of the page, and to a page that was asleep and got no message."""
+    expect = expecting()
+    page = visit("#/fleet", role="operator", language=language)
+    asleep = visit("#/fleet", role="operator", language=language)
+    asleep.route_web_socket("**/api/v1/live*", lambda socket: None)
+    asleep.reload()
+    asleep.locator(".stopbar").wait_for()
+    try:
+        stage.do(lambda: ENDINGS[reason](stage))
+        end = [i18n.text(f"auth.closed.{reason}", language), i18n.text("page.session_ended_stops", language)]
+        expected = i18n.text("language.between_sentences", language).join(end)
+        expect(page.locator("[data-text=session-ended]")).to_have_text(expected)
+        page.reload()
+        expect(page.locator("[data-text=session-ended]")).to_have_text(expected)
+        asleep.click("[data-stop=all]")
+        expect(asleep.locator("[data-text=session-ended]")).to_have_text(expected)
+    finally:
+        stage.access.user_file.change(lambda _: USERS)
+
+
+def test_a_log_out_in_another_tab_is_named_and_one_on_this_page_is_not(visit: Any) -> None:
+    """The log-out removes the cookie of both tabs: only the message of the connection says it to the other one."""
+    expect = expecting()
+    page = visit("#/fleet", role="operator")
+    other = page.context.new_page()
+    other.goto(page.url)
+    other.locator(".connection.live").wait_for()
+    page.get_by_role("button", name=i18n.text("page.log_out", "en")).click()
+    expect(other.locator("[data-text=session-ended]")).to_contain_text(i18n.text("auth.closed.logout", "en"))
+    page.locator("input[name=password]").wait_for()
+    assert page.locator("[data-text=session-ended]").count() == 0

@@ -60,7 +60,7 @@ def test_a_removed_user_loses_control_at_once_and_each_drive_does_what_its_polic
         await asyncio.sleep(AT_ONCE_S)
         plant = kit.service.plant
         assert [plant.leases.get(drive, plant.now()) for drive in ("fan-1", "fan-2")] == [None, None]
-        reason = bilingual_text("plant.session_ended.rights")
+        reason = bilingual_text("plant.session_ended.removed")
         ended = kit.drives_of_events("plant.lease_ended_with_session", owner="operator", reason=reason)
         assert (ended, kit.drives_of_events("plant.lease_lost", owner="operator")) == (["fan-1", "fan-2"], [])
         assert kit.drives_of_events("plant.stopped_client_lost", owner="operator") == ["fan-1"]
@@ -68,7 +68,7 @@ def test_a_removed_user_loses_control_at_once_and_each_drive_does_what_its_polic
         (record,) = ended_records(kit)
         assert (record.who, record.params["drives"]) == ("operator", ["fan-1", "fan-2"])
         text = described({"what": record.what, "who": {"name": record.who}, "target": "", "params": record.params})
-        assert "role or password changed" in text["text"]["en"]
+        assert "user removed" in text["text"]["en"]
 
     on_a_plant(tmp_path, scenario)
 

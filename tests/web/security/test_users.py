@@ -273,16 +273,16 @@ def test_a_changed_user_stays_logged_in_and_one_who_loses_rights_is_logged_out(t
         await done(admin, "PATCH", "/users/operator", {})
         assert session.end_reason is None
         await done(admin, "PATCH", "/users/operator", {"end_sessions": True})
-        assert (session.end_reason, harness.auth.sessions.of_user("operator")) == ("rights", []), "at once"
+        assert (session.end_reason, harness.auth.sessions.of_user("operator")) == ("ended", []), "at once"
         client = await harness.log_in("operator")
         (session,) = harness.auth.sessions.of_user("operator")
         assert (await client.get("/api/v1/drives")).status_code == 200
         await done(admin, "PATCH", "/users/operator", {"role": "viewer"})
-        assert (session.end_reason, harness.auth.sessions.of_user("operator")) == ("rights", []), "at once"
+        assert (session.end_reason, harness.auth.sessions.of_user("operator")) == ("role", []), "at once"
         await harness.log_in("operator")
         (session,) = harness.auth.sessions.of_user("operator")
         await done(admin, "DELETE", "/users/operator")
-        assert (session.end_reason, harness.auth.sessions.of_user("operator")) == ("rights", []), "at once"
+        assert (session.end_reason, harness.auth.sessions.of_user("operator")) == ("removed", []), "at once"
 
     run(scenario())
 

@@ -39,10 +39,11 @@ class SessionCredential:
 
     @property
     def end_reason(self) -> str | None:
-        """None while it is valid; else ``logout``, ``expired``, ``rights`` or ``replaced``."""
+        """None while it is valid; else as in ``Session.end``."""
         user = self.context.database().find(self.session.user)
-        if user is None or user.stamp != self.session.stamp:
-            self.session.end("rights")
+        changed = "removed" if user is None else user.change_since(self.session.stamp)
+        if changed is not None:
+            self.session.end(changed)
         now = self.context.clock()
         self.session.expire(now)
         if self.secret_ends is not None and now >= self.secret_ends:

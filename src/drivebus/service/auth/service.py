@@ -254,7 +254,7 @@ class AuthService:
             return database.with_changed_user(replace(current, password=hashed))
 
         changed = (await self.change_database(change)).user(user.name)
-        self.sessions.end_all(user.name, "rights")
+        self.sessions.end_all(user.name, "password")
         return await self._open_session(changed, session.address)
 
     async def unlock(self, session: Session, password: str) -> LoginResult:

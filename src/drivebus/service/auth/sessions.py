@@ -105,6 +105,7 @@ SESSION_LIFETIME_S = 12 * 3600.0
 """A login lasts one shift."""
 REPLACED_SECRET_LIFETIME_S = 10.0
 """For this time the secret that an unlocking has replaced may still view and stop: requests with it are under way."""
+MAX_ENDED_SESSIONS = 1000  # whose reason is kept: a browser that was asleep asks for it later
 MAX_SESSIONS_PER_USER = 20
 """A further login ends the user's least active session."""
 
@@ -119,7 +120,11 @@ class Session(SessionRecord):
     """Wrong passwords of its user between the login before and this one, which opened it."""
 
     def end(self, reason: str) -> None:
-        """End the session with ``logout``, ``expired``, ``rights`` or ``replaced``; the first reason stays."""
+        """End the session; the first reason stays.
+
+        Reasons: ``logout``, ``expired``, ``replaced``, and of an administrator ``removed``, ``disabled``, ``role``,
+        ``password`` or ``ended``.
+        """
         self.end_reason = self.end_reason or reason
         self.ended.set()
 
@@ -144,6 +149,10 @@ class SessionTable:
         self._by_digest: dict[str, Session] = {}
         self._replaced: dict[str, tuple[Session, float]] = {}
         """Digest of a replaced secret: its session, and the time at which the secret ends."""
+        self._ended: dict[str, str] = {}
+        """Digest of an ended session's digest, which itself is removed: the reason; the oldest first, at most
+        ``MAX_ENDED_SESSIONS``.
+        """
 
     def open(self, user: User, address: str, now: float) -> tuple[str, Session]:
         """Open a session and return its secret, which is new for every login, and the session."""
@@ -183,9 +192,14 @@ class SessionTable:
             return None
         session.expire(now)
         if session.end_reason is not None:
-            del self._by_digest[secret_digest(secret)]
+            self._remove_ended()
             return None
         return session
+
+    def end_reason(self, secret: str) -> str | None:
+        """Return why the session of a secret has ended; None while it is open, and if it is not known (any more)."""
+        self._remove_ended()
+        return self._ended.get(secret_digest(secret_digest(secret)))
 
     def find_replaced(self, secret: str) -> tuple[Session, float] | None:
         """Return the session whose unlocking has replaced this secret, and the time at which the secret ends."""
@@ -228,7 +242,12 @@ class SessionTable:
         self._remove_ended()
 
     def _remove_ended(self) -> None:
-        self._by_digest = {key: one for key, one in self._by_digest.items() if one.end_reason is None}
+        for digest, session in [*self._by_digest.items()]:
+            if session.end_reason is not None:
+                del self._by_digest[digest]
+                self._ended[secret_digest(digest)] = session.end_reason
+        for oldest in [*self._ended][:-MAX_ENDED_SESSIONS]:
+            del self._ended[oldest]
 
 
 def secret_digest(secret: str) -> str:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from fcntl import LOCK_EX, flock
 from pathlib import Path
+from typing import Literal
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -42,6 +43,14 @@ class User:
         """Fingerprint of role, password and state. A change of it ends the user's sessions."""
         state = f"{self.role} {self.password} {self.disabled} {self.created_ms}"
         return hashlib.sha256(state.encode()).hexdigest()
+
+    def change_since(self, stamp: str) -> Literal["disabled", "role", "password"] | None:
+        """Return what ends the sessions of an earlier stamp; ``password`` also for a user that was added again."""
+        if stamp == self.stamp:
+            return None
+        if self.disabled:
+            return "disabled"
+        return "role" if any(replace(self, role=role).stamp == stamp for role in Role) else "password"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

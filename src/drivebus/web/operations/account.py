@@ -66,7 +66,8 @@ class SessionResponse(ApiObject):
     """User, rights and CSRF token; ``setup`` is true while there is no administrator. A session of a browser also has
     ``role``, ``idle``, ``idle_in_s`` and ``expires_in_s``. ``login_notice`` is the configured text of the login page;
     ``users_missing`` says why a plant that had users can't be set up again, and what to do;
-    ``failed_logins`` the number of wrong passwords of the user since the login before.
+    ``failed_logins`` the number of wrong passwords of the user since the login before; ``ended`` why the session of the
+    cookie has ended.
     """
 
     setup: bool
@@ -81,6 +82,7 @@ class SessionResponse(ApiObject):
     expires_in_s: float | None = None
     login_notice: LocalizedText | None = None
     failed_logins: int | None = None
+    ended: LocalizedText | None = None
 
 
 class OwnSession(ApiObject):

@@ -24,7 +24,7 @@ from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S, SESSION_LIFET
 from drivebus.service.live.views import text_json
 from drivebus.types import Json
 from drivebus.web.context import WebContext, audit_entry, context_of, credential_of
-from drivebus.web.middleware.auth import COOKIE_NAMES, client_address, request_cookies
+from drivebus.web.middleware.auth import COOKIE_NAMES, client_address, request_cookies, session_cookie
 from drivebus.web.operations.account import (
     LOGIN,
     LOGIN_CODE,
@@ -50,7 +50,12 @@ DEVICE_COOKIE_LIFETIME_S = 365 * 86_400
 
 @handles(SESSION_GET)
 async def get_session(request: Request, params: NoParams) -> Json:
-    return _session_json(context_of(request), request.state.credential)
+    context, credential = context_of(request), request.state.credential
+    content = _session_json(context, credential)
+    secret = session_cookie(request.headers, uses_tls=request.state.uses_tls)
+    if credential is None and secret and (reason := context.auth.sessions.end_reason(secret)):
+        content["ended"] = localized(f"auth.closed.{reason}")
+    return content
 
 
 @handles(SESSION_ACTIVITY)

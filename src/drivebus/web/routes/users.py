@@ -80,7 +80,7 @@ async def remove_user(request: Request, params: UserParams) -> Json:
 
     async def remove() -> None:
         await context.auth.change_database(lambda database: database.without_user(user))
-        await context.auth.end_sessions(user, "rights")
+        await context.auth.end_sessions(user, "removed")
 
     await context.record_change(USER_REMOVE, user, {}, actor_of(request), remove())
     return {}
@@ -140,8 +140,9 @@ async def _change_user(auth: AuthService, params: UserChangeParams, own_name: st
         lambda database: database.with_changed_user(replace(database.user(user.name), **changes))
     )
     changed = after.user(user.name)
-    if params.end_sessions or changed.stamp != user.stamp:
-        await auth.end_sessions(user.name, "rights")
+    reason = changed.change_since(user.stamp)
+    if params.end_sessions or reason is not None:
+        await auth.end_sessions(user.name, reason or "ended")
     return changed
 
 

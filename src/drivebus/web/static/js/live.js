@@ -1,7 +1,7 @@
 // One WebSocket for the whole page: a snapshot, then deltas into the store. When it is lost every value is stale at
 // once, and the page reconnects by itself.
 import { computed, signal } from "./lib.js";
-import { loadSession, loggedIn, session } from "./session.js";
+import { endText, loadSession, loggedIn, session } from "./session.js";
 import { applyDelta, applySnapshot, noticeSleep, nowMs, serviceNow } from "./store.js";
 
 const DEFAULT_TOPICS = ["plant", "drives/*", "groups/*", "buses/*", "alarms"];
@@ -14,6 +14,8 @@ const MAX_SNAPSHOT_TIMEOUT_MS = 30_000;
 const MIN_RECONNECT_DELAY_MS = 400;
 const MAX_RECONNECT_DELAY_MS = 5000;
 const INTERVAL_S = 0.25;
+/** Close code of the server. */
+const SESSION_ENDED_CODE = 4401;
 
 /** "starting", "live", or "lost". */
 export const connection = signal("starting");
@@ -146,7 +148,10 @@ async function openSocket() {
   openedAt = nowMs();
   socket = new WebSocket(liveUrl());
   socket.onmessage = onMessage;
-  socket.onclose = onLost;
+  socket.onclose = ({ code }) => {
+    if (code === SESSION_ENDED_CODE) endText.value = closedText.peek();
+    onLost();
+  };
 }
 
 /** Reconnect at once, after a user's request or when the network is back. */

@@ -45,12 +45,17 @@ export async function setUp(secret, name, password) {
 
 /** Whether the session has ended without a log-out on this page: it expired, or was ended elsewhere. */
 export const hasEnded = signal(false);
+/** Why it has, in both languages; null where that is not known. */
+export const endText = signal(null);
 let isLoggingOut = false;
 let hadUser = false;
 
 session.subscribe((found) => {
   const hasUser = Boolean(found?.user);
-  if (hasUser || hadUser) hasEnded.value = !hasUser && !isLoggingOut;
+  if (hasUser || hadUser || found?.ended) hasEnded.value = !hasUser && !isLoggingOut;
+  if (hasUser) endText.value = null;
+  else if (found?.ended) endText.value = found.ended;
+  else if (hadUser && !isLoggingOut) loadSession().catch(() => null); // a denied request has not said why
   hadUser = hasUser;
 });
 

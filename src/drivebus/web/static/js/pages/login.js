@@ -2,7 +2,7 @@
 import { html, useEffect, useRef, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { ErrorNote, Field, Notice, PasswordField, useRequest } from "../ui.js";
-import { hasEnded, login, session, setUp } from "../session.js";
+import { endText, hasEnded, login, session, setUp } from "../session.js";
 import { PreferenceButtons } from "../preference-buttons.js";
 import { MIN_PASSWORD_LENGTH, passwordHelp } from "../settings/password.js";
 
@@ -46,7 +46,7 @@ const UsersMissing = () => html`<div class="login"><h1>${t("page.log_in")}</h1>
 /** `error`: the error of a login code in the address. */
 export function Login({ error }) {
   return html`<main class="loginpage"><p class="brand">drivebus</p><${ErrorNote} error=${error} />
-    ${hasEnded.value && html`<${Notice} kind="warning" live><span data-text="session-ended">${t("page.session_ended")}</span><//>`}
+    ${hasEnded.value && html`<${Notice} kind="warning" live><span data-text="session-ended">${endText.value ? localized(endText.value) : t("page.session_ended")}${t("language.between_sentences")}${t("page.session_ended_stops")}</span><//>`}
     ${session.value.users_missing ? html`<${UsersMissing} />`
       : session.value.setup ? html`<${SetUpForm} />` : html`<${LoginForm} />`}
     <div class="prefs"><${PreferenceButtons} /></div></main>`;
