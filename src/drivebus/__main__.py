@@ -7,14 +7,14 @@ import sys
 
 from drivebus.cli.extras import require_extra
 from drivebus.errors import ConfigurationError
-from drivebus.i18n import preferred
+from drivebus.i18n import preferred, text
 from drivebus.terminal import open_missing_streams
 
 
 def main() -> None:
     """Run the command line; without the packages of the extra ``cli`` print what to install and exit with 2.
 
-    Ctrl-C while it is loaded ends it as later, without a traceback.
+    Ctrl-C while it is loaded ends it as later, and says that nothing was sent.
     """
     open_missing_streams()
     try:
@@ -24,7 +24,12 @@ def main() -> None:
         sys.exit(2)
     try:
         from drivebus.cli.main import main
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, RuntimeError) as error:
+        if not isinstance(
+            error.__cause__ or error, KeyboardInterrupt
+        ):  # Python 3.11 wraps one in the making of a class
+            raise
+        print(f"\n{text('cli.interrupted_early', preferred())}", file=sys.stderr)
         sys.exit(128 + signal.SIGINT)
 
     main()

@@ -169,12 +169,30 @@ def test_serve_at_a_terminal_begins_with_the_address_and_not_with_a_checkpoint(
     assert calls == [{"without_events": left_out}]
 
 
-def test_ctrl_c_while_the_command_line_is_loaded_ends_it_without_a_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_ctrl_c_while_the_command_line_is_loaded_ends_it_without_a_traceback(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], wrapped: bool
+) -> None:
+    """Python 3.11 wraps it where it falls into the making of a class."""
+
     class Loading(ModuleType):
         def __getattr__(self, name: str) -> Any:
+            if wrapped:
+                raise RuntimeError("Error calling __set_name__") from KeyboardInterrupt()
             raise KeyboardInterrupt
 
     monkeypatch.setitem(sys.modules, "drivebus.cli.main", Loading("drivebus.cli.main"))
     with pytest.raises(SystemExit) as ended:
         start_command_line()
     assert ended.value.code == ExitCode.INTERRUPTED
+    assert "nothing was sent, no stop either" in capsys.readouterr().err
+
+
+def test_an_error_while_the_command_line_is_loaded_is_not_reported_as_ctrl_c(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Broken(ModuleType):
+        def __getattr__(self, name: str) -> Any:
+            raise RuntimeError("broken")
+
+    monkeypatch.setitem(sys.modules, "drivebus.cli.main", Broken("drivebus.cli.main"))
+    with pytest.raises(RuntimeError, match="broken"):
+        start_command_line()

@@ -72,10 +72,29 @@ def test_the_capture_of_a_scan_has_the_serial_settings_of_each_pass(tmp_path: Pa
 def test_a_capture_that_exists_is_never_overwritten_and_nothing_is_sent(tmp_path: Path) -> None:
     file = tmp_path / "evidence.dbcap"
     file.write_text("evidence")
-    result = invoke("stop", "sim://c320@1", *C320, "--record", str(file))
+    result = invoke("reset", "sim://c320@1", *C320, "--record", str(file))
     assert result.exit_code == 2
     assert file.read_text() == "evidence"
     assert "exists" in result.stderr
+
+
+@pytest.mark.parametrize("name", ["evidence.dbcap", "no-folder/new.dbcap"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("stop", "sim://c320@1", *C320),
+        ("stop", "--all", "sim://c320@1", *C320),
+        ("coast", "sim://vc660@1", "--model", "vc660", "--address", "1"),
+    ],
+    ids=lambda words: " ".join(words[:2]),
+)
+def test_a_capture_that_can_not_be_written_prevents_no_stop(tmp_path: Path, words: tuple[str, ...], name: str) -> None:
+    """A file of the same name left the motor running."""
+    (tmp_path / "evidence.dbcap").write_text("evidence")
+    result = invoke(*words, "--record", str(tmp_path / name))
+    assert (result.exit_code, "onfirmed" in result.stdout) == (0, True), result.output
+    assert result.stderr.startswith("Not recorded: ") and name in result.stderr
+    assert (tmp_path / "evidence.dbcap").read_text() == "evidence"
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,8 @@ import re
 import shutil
 import sys
 from collections.abc import Mapping, Sequence
-from contextvars import copy_context
+from contextlib import nullcontext
+from contextvars import ContextVar, copy_context
 from importlib import import_module
 from typing import Any
 
@@ -14,6 +15,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from drivebus.cli import errors, output
+from drivebus.cli.stop_errors import note_no_stop
 from drivebus.terminal import discard_output
 
 _MAX_HELP_CELLS = 100
@@ -123,14 +125,33 @@ class _LocalizedHelp:
         return output.two_columns(rows, _help_cells())
 
 
-class CliCommand(_LocalizedHelp, click.Command):
-    """Command of the command line. ``examples`` are command lines that work as they stand; a test parses each."""
+_has_begun: ContextVar[bool] = ContextVar("drivebus_command_has_begun", default=False)
+"""Whether the command was called; before that it sends nothing."""
 
-    def __init__(self, name: str, *, examples: Sequence[str] = (), help_key: str = "", **rest: Any) -> None:
+
+class CliCommand(_LocalizedHelp, click.Command):
+    """Command of the command line. ``examples`` are command lines that work as they stand; a test parses each.
+
+    ``stops``: it stops drives, and an error before its first frame says that no stop was sent.
+    """
+
+    def __init__(
+        self, name: str, *, examples: Sequence[str] = (), help_key: str = "", stops: bool = False, **rest: Any
+    ) -> None:
         super().__init__(name, **rest)
         self.examples = examples
         self.help_key = help_key or name
+        self.stops = stops
         self.params += common_options()
+
+    def make_context(self, *args: Any, **named: Any) -> click.Context:
+        with note_no_stop() if self.stops else nullcontext():
+            return super().make_context(*args, **named)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        _has_begun.set(True)
+        with note_no_stop() if self.stops else nullcontext():
+            return super().invoke(ctx)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse as click does; name a whole word such as ``-frequency`` in the error, not its first letter only."""
@@ -260,6 +281,8 @@ class LazyGroup(_LocalizedHelp, click.Group):
                 return errors.ExitCode.USAGE
             return errors.report_usage(error)
         except click.Abort:
+            if not _has_begun.get():
+                output.print_note("cli.interrupted_early")
             return errors.ExitCode.INTERRUPTED
         except DrivebusError as error:
             return errors.report_error(error)

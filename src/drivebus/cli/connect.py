@@ -35,6 +35,8 @@ class Target:
     """``--option NAME=VALUE``: values of profile options."""
     record: str | None = None
     """``--record FILE``: the capture to write."""
+    must_record: bool = True
+    """Whether a capture that can't be created ends the command before its first frame: never a stop."""
     service: str | None = None
     """``--service``: the service that owns the bus."""
     drive: str = ""
@@ -115,7 +117,7 @@ async def open_drive(target: Target, limits: DriveLimits | None = None) -> Async
     """Open the bus with the drive on it, within the user's ``limits``; close both afterwards.
 
     With ``target.service`` the pair has the same interface over the service. Raises PortUnavailable, PortUrlError,
-    ProfileError, CaptureError where ``record`` can't be created, and the errors of the service.
+    ProfileError, CaptureError where a required ``record`` can't be created, and the errors of the service.
     """
     if target.service is not None:
         async with _open_remote(target) as remote:
@@ -126,7 +128,7 @@ async def open_drive(target: Target, limits: DriveLimits | None = None) -> Async
     from drivebus.errors import BusError
 
     profile, options = target.profile, target.drive_options()
-    with record_port(target.open_port(), target.record) as port:
+    with record_port(target.open_port(), target.record, required=target.must_record) as port:
         note_foreign_settings(port.settings, profile)
         async with Bus(port) as bus:
             drive = Drive(bus, profile, target.address, encoding=target.encoding, options=options, limits=limits)
@@ -161,17 +163,17 @@ def _note_request(drive: str, request: Json) -> None:
 
 
 @contextmanager
-def record_port(port: Port, file: str | None) -> Iterator[Port]:
+def record_port(port: Port, file: str | None, *, required: bool = True) -> Iterator[Port]:
     """Record all bytes of a port in a capture if ``file`` is given; report the file at the end."""
-    with record_ports(file) as wrap:
+    with record_ports(file, required=required) as wrap:
         yield wrap(port)
 
 
 @contextmanager
-def record_ports(file: str | None) -> Iterator[Callable[[Port], Port]]:
+def record_ports(file: str | None, *, required: bool = True) -> Iterator[Callable[[Port], Port]]:
     """Provide a function that records port after port in one capture; report the file at the end.
 
-    A disk error ends the capture, never the communication.
+    A disk error ends the capture, never the communication; ``required``: a file that can't be created prevents it.
     """
     if file is None:
         yield lambda port: port
@@ -181,7 +183,7 @@ def record_ports(file: str | None) -> Iterator[Callable[[Port], Port]]:
     recording: list[RecordingPort] = []
 
     def wrap(port: Port) -> Port:
-        recording[:] = [recording[0].continue_on(port) if recording else RecordingPort(port, file)]
+        recording[:] = [recording[0].continue_on(port) if recording else RecordingPort(port, file, required=required)]
         return recording[0]
 
     try:
@@ -190,9 +192,11 @@ def record_ports(file: str | None) -> Iterator[Callable[[Port], Port]]:
         for port in recording:
             port.end_capture()
     error = recording[0].error if recording else None
-    if error is not None:
+    if isinstance(error, OSError):
         from drivebus.errors import SystemReason
 
         output.print_note("record.cut", file=file, reason=SystemReason(error))
+    elif error is not None:
+        output.print_note("record.none", why=error)
     elif recording:
         output.print_note("record.done", file=file)

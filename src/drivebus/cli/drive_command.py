@@ -10,6 +10,7 @@ import copy
 import sys
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -151,7 +152,7 @@ def drive_command(
             return asyncio.run(on_group(_pop_service_of_group(given), group, **given))  # type: ignore[arg-type]
         remote = pop_remote_target(given)
         dry_run = given.pop("dry_run")
-        target = remote or pop_target(given)
+        target = remote or replace(pop_target(given), must_record=not stops)
         if dry_run:
             from drivebus.cli.dry_run import DryRun
 
@@ -165,7 +166,7 @@ def drive_command(
     params += [options.service_option(), options.service_drive_option()]
     params += [options.group_option()] if on_group is not None else []
     params.append(options.dry_run_option())
-    return RemoteCommand(name, callback=run_stop if stops else run, params=params, examples=examples)
+    return RemoteCommand(name, callback=run_stop if stops else run, params=params, examples=examples, stops=stops)
 
 
 def pop_target(arguments: dict[str, Any]) -> Target:

@@ -109,7 +109,7 @@ def from_os_error(error: OSError) -> ConfigurationError:
 
 
 def print_error(error: DrivebusError) -> None:
-    """Print the error, the notes of its outcome and its remedy on standard error."""
+    """Print the error, the notes of its outcome, its remedy and its own notes on standard error."""
     sentence = error_text(error)
     _print_error_line(sentence)
     outcome = getattr(error, "outcome", None)
@@ -118,6 +118,7 @@ def print_error(error: DrivebusError) -> None:
             output.echo(output.wrap_for(note, sys.stderr, indent=2), err=True)
     if hint := error_hint(error):
         output.echo(output.wrap_for(hint, sys.stderr), err=True)
+    _print_notes(error)
 
 
 def error_json(error: DrivebusError) -> dict[str, Any]:
@@ -177,6 +178,7 @@ def report_usage(error: click.ClickException) -> ExitCode:
         if hint is not None:
             output.print_note(hint)
         output.echo(output.text("cli.try_help", command=path), err=True)
+        _print_notes(error)
         output.print_json({"error": described, "exit": int(ExitCode.USAGE)}, stream=True)
     return ExitCode.USAGE
 
@@ -261,6 +263,11 @@ def _parameter_name(error: click.BadParameter) -> str:
 def _print_error_line(sentence: str) -> None:
     text = output.wrap_for(f"drivebus: {sentence}", sys.stderr)
     output.echo(click.style(text, fg="red") if supports_colour(sys.stderr) else text, err=True)
+
+
+def _print_notes(error: BaseException) -> None:
+    for note in getattr(error, "__notes__", ()):
+        output.echo(output.wrap_for(note, sys.stderr), err=True)
 
 
 def supports_colour(stream: Any) -> bool:

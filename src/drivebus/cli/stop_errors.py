@@ -1,4 +1,4 @@
-"""Errors of a command that stops: each says that the stop was not sent or is not confirmed, and ends with code 4."""
+"""Errors of a command that stops: each says that the stop was not sent or is not confirmed."""
 
 from __future__ import annotations
 
@@ -7,10 +7,34 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import click
+
 from drivebus.cli import output
-from drivebus.errors import OutcomeUnknown, PortUnavailable, ServiceUnavailable, StopUnconfirmed
+from drivebus.errors import (
+    ConfigurationError,
+    InvalidParameters,
+    NotFound,
+    OutcomeUnknown,
+    PermissionDenied,
+    PortUnavailable,
+    ServiceUnavailable,
+    StopUnconfirmed,
+)
 from drivebus.terminal import discard_terminal_output
 from drivebus.values import Text
+
+_BEFORE_ANY_FRAME = (click.UsageError, ConfigurationError, InvalidParameters, NotFound, PermissionDenied)
+"""Errors with which a stop ends only before its first frame."""
+
+
+@contextmanager
+def note_no_stop() -> Iterator[None]:
+    """Add to an error before the first frame that no stop was sent, and what stops the drive now."""
+    try:
+        yield
+    except _BEFORE_ANY_FRAME as error:
+        error.add_note(output.text("bus_stop.none_sent"))
+        raise
 
 
 @contextmanager

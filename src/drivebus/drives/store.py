@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
-import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
 from drivebus import atomic_write
 from drivebus.errors import ConfigurationError, SystemReason
+from drivebus.user_directories import user_state_directory
 
 STORE_FORMAT = 1
 
@@ -122,9 +122,8 @@ def drive_key(port_identity: str, address: int) -> str:
 
 
 def default_path() -> Path:
-    """Return ``$XDG_STATE_HOME/drivebus/store.json`` (Windows: ``%LOCALAPPDATA%``)."""
-    base = os.environ.get("XDG_STATE_HOME") or os.environ.get("LOCALAPPDATA")
-    return (Path(base) if base else Path.home() / ".local" / "state") / "drivebus" / "store.json"
+    """Return the file of the store in the user's state directory."""
+    return user_state_directory() / "store.json"
 
 
 def _encode(values: Mapping[str, str]) -> str:

@@ -21,6 +21,8 @@ assert sys.platform != "win32"  # Windows opens COM ports exclusively by itself
 import fcntl
 import termios
 
+from drivebus.user_directories import user_state_directory
+
 
 class DeviceBusy(OSError):
     """The device has another owner; ``pid`` where it is a drivebus."""
@@ -31,10 +33,8 @@ class DeviceBusy(OSError):
 
 
 def lock_dir() -> Path:
-    """Return the directory of lock files: $XDG_STATE_HOME/drivebus/locks, else ~/.local/state/drivebus/locks."""
-    base = os.environ.get("XDG_STATE_HOME", "")
-    root = Path(base) if base.startswith("/") else Path.home() / ".local" / "state"
-    return root / "drivebus" / "locks"
+    """Return the directory of lock files."""
+    return user_state_directory() / "locks"
 
 
 def lock_owner(device: str) -> int | None:

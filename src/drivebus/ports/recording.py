@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from drivebus import clock
-from drivebus.capture.dbcap import CaptureHeader, CaptureWriter
+from drivebus.capture.dbcap import CaptureError, CaptureHeader, CaptureWriter
 from drivebus.errors import PortLost
 from drivebus.ports.base import PausableReader, PendingReader, Port, PortNote, port_notes
 from drivebus.serial_settings import SerialSettings
@@ -23,10 +23,13 @@ class RecordingPort:
     the bus: it is in ``error``.
     """
 
-    def __init__(self, port: Port, path: str | Path) -> None:
+    def __init__(self, port: Port, path: str | Path, *, required: bool = True) -> None:
+        """``required`` False: the port also opens where the file can't be created."""
         self._port = port
         self._path = path
+        self._is_required = required
         self._writer: CaptureWriter | None = None
+        self._creation_error: CaptureError | None = None
         self._receiver: Receiver | None = None
         if isinstance(port, PendingReader):
             self.read_pending = port.read_pending
@@ -68,21 +71,26 @@ class RecordingPort:
         return getattr(self._port, "drive_options", {})
 
     @property
-    def error(self) -> OSError | None:
-        """Error that ended the capture early, None while it is complete."""
-        return None if self._writer is None else self._writer.error
+    def error(self) -> OSError | CaptureError | None:
+        """Error that prevented the capture or ended it early, None while it is complete."""
+        return self._creation_error if self._writer is None else self._writer.error
 
     async def open(self, receiver: Receiver) -> None:
-        """Raises CaptureError where the file can't be created, and what the port raises."""
+        """Raises CaptureError where a required file can't be created, and what the port raises."""
         self._loop = asyncio.get_running_loop()
-        if self._writer is None:
+        if self._writer is None and self._creation_error is None:
             header = CaptureHeader(
                 settings=self.settings,
                 port=self.url,
                 started=clock.wall_clock().isoformat(),
                 writer=f"drivebus {version('drivebus')}",
             )
-            self._writer = CaptureWriter(self._path, header, now=self._loop.time())
+            try:
+                self._writer = CaptureWriter(self._path, header, now=self._loop.time())
+            except CaptureError as error:
+                if self._is_required:
+                    raise
+                self._creation_error = error
         self._receiver = receiver
         await self._port.open(self)
         self._record_event(

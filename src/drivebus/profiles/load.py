@@ -37,6 +37,7 @@ from drivebus.profiles.model import DriveProfile
 from drivebus.profiles.schema import NEWEST_FORMAT, ProfileFile
 from drivebus.profiles.toml_file import MAX_TOML_BYTES, TomlFault, decode_toml, format_issue, has_key, line_of
 from drivebus.protocols.family import protocol_families
+from drivebus.user_directories import expand_home, user_config_directory
 
 DATA_DIRECTORY = Path(__file__).parent / "data"
 EVIDENCE_KEYS = ("evidence", "standstill_evidence")
@@ -124,8 +125,7 @@ def _family_files() -> dict[str, Path]:
 
 def user_directory() -> Path:
     """Return the directory of the user's profiles."""
-    base = os.environ.get("XDG_CONFIG_HOME")
-    return (Path(base) if base else Path.home() / ".config") / "drivebus" / "profiles"
+    return user_config_directory() / "profiles"
 
 
 def _user_files() -> dict[str, Path]:
@@ -150,7 +150,7 @@ def _find_file(model: str | Path, beside: Path | None = None) -> Path:
     """Return the file of a model name or path. Raises ProfileError where there is none, or two of one name."""
     name = str(model)
     if isinstance(model, Path) or name.endswith(".toml") or "/" in name or os.sep in name:
-        path = (beside or Path()) / Path(name).expanduser()
+        path = (beside or Path()) / expand_home(name)
         if path.is_dir():
             raise _single_error(path, unreadable_issue(IsADirectoryError(errno.EISDIR, "")))
         if not path.is_file():

@@ -123,7 +123,7 @@ def _stop_one(port: str | None, arguments: dict[str, Any], *, quick: bool, assum
             raise ConfigurationError("stop_all.plant_needs_all", file=port)
         _require_model(str(port), arguments["model"])
         _require("addresses", addresses)
-    target = remote or Target(port=str(port), address=addresses[0], **_port_options(arguments))
+    target = remote or Target(port=str(port), address=addresses[0], must_record=False, **_port_options(arguments))
     if dry_run:
         return _print_plan(target, (target.address,), broadcast=False, quick=quick, assume_model=assume_model)
 
@@ -160,7 +160,7 @@ def _require_model(port: str, model: str | None) -> None:
 def _stop_bus(port: str, arguments: dict[str, Any]) -> ExitCode:
     """Stop the drives at ``--address``, or every drive that replies at an address of the model."""
     _require_model(port, arguments["model"])
-    target = Target(port=port, address=0, **_port_options(arguments))
+    target = Target(port=port, address=0, must_record=False, **_port_options(arguments))
     addresses = arguments["addresses"] or _all_addresses(target)
     _check_addresses(target, addresses)
     if arguments["dry_run"]:
@@ -190,7 +190,7 @@ async def _stop_addresses(target: Target, addresses: tuple[int, ...], *, find: b
     from drivebus.drives import Drive, stop_bus
 
     profile, options = target.profile, target.drive_options()
-    with record_port(target.open_port(), target.record) as port:
+    with record_port(target.open_port(), target.record, required=target.must_record) as port:
         async with Bus(port) as bus:
             drives = [Drive(bus, profile, each, encoding=target.encoding, options=options) for each in addresses]
             report, lost = await _stop_present(bus, drives) if find else (await stop_bus(bus, drives), ())
@@ -384,7 +384,11 @@ def _state_folder(plant: str | None, directory: str | None) -> Path:
         raise ConfigurationError("stop_all.which")
     from drivebus.service.config.load import state_directory_of
 
-    return state_directory_of(plant)
+    try:
+        return state_directory_of(plant)
+    except ConfigurationError as error:
+        error.add_note(output.text("stop_all.without_plant"))
+        raise
 
 
 async def _request_stop(folder: Path) -> Json:
@@ -464,6 +468,7 @@ class StopCommand(RemoteCommand):
 command = StopCommand(
     "stop",
     callback=_stop,
+    stops=True,
     params=[
         Argument(
             ["target"],

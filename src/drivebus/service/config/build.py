@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,6 +36,7 @@ from drivebus.service.config.model import (
     RetentionConfig,
 )
 from drivebus.service.config.schema import AlarmTable, DriveTable, HistoryTable, PlantFile, Title
+from drivebus.user_directories import expand_home, user_state_directory
 from drivebus.values import Text
 
 
@@ -73,10 +73,10 @@ class ParsedPlant:
         """Return a model's name as the profiles spell it, or the absolute path of a profile file."""
         if not is_model_path(drive.model):
             return model_name(drive.model)
-        return str((self.base / Path(drive.model).expanduser()).resolve())
+        return str((self.base / expand_home(drive.model)).resolve())
 
     def resolve_path(self, text: str) -> Path:
-        return (self.base / Path(text).expanduser()).resolve()
+        return (self.base / expand_home(text)).resolve()
 
     def read_profiles(self) -> None:
         """Load the profile of every drive; each model is read once."""
@@ -126,8 +126,7 @@ def plant_config(parsed: ParsedPlant, source: str, warnings: Iterable[Diagnostic
 
 def state_directory(id: str) -> Path:
     """Return the default state directory of a plant."""
-    base = os.environ.get("XDG_STATE_HOME")
-    return (Path(base) if base else Path.home() / ".local" / "state") / "drivebus" / "plants" / id
+    return user_state_directory() / "plants" / id
 
 
 def bus_config(file: PlantFile, id: str) -> BusConfig:

@@ -33,6 +33,7 @@ from drivebus.service.config.model import PlantConfig
 from drivebus.service.config.redaction import restore_url
 from drivebus.service.config.schema import PLANT_FILE_FORMAT, PlantFile
 from drivebus.service.ids import ID_PATTERN
+from drivebus.user_directories import expand_home
 
 CATALOGUE = "plant_config"
 MAX_DIAGNOSTICS = 100
@@ -195,7 +196,7 @@ def state_directory_of(plant: str) -> Path:
     table = _plant_table(Path(plant))
     directory, id = table.get("directory"), table.get("id")
     if isinstance(directory, str) and directory:
-        return (Path(plant).resolve().parent / Path(directory).expanduser()).resolve()
+        return (Path(plant).resolve().parent / expand_home(directory)).resolve()
     if directory is None and isinstance(id, str) and re.fullmatch(ID_PATTERN, id):
         return state_directory(id)
     return load(plant).directory
