@@ -202,6 +202,10 @@ class Bus:
         epoch is void. Raises KeyError."""
         return self.core.stations[address].stop_epoch
 
+    def motions_sent(self, address: int) -> int:
+        """Return how many frames were sent to this station that may move its motor. Raises KeyError."""
+        return self.core.stations[address].motions_sent
+
     def inhibit_start(self, addresses: Iterable[int] | None = None) -> None:
         """Refuse every frame that may move a motor of these stations (None: all) until ``release_start``.
 

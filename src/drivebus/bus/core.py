@@ -409,6 +409,7 @@ class BusCore:
         prepared.sent_at = now
         station = prepared.station
         station.last_request = prepared.request
+        station.motions_sent += prepared.effect is Effect.MOTION
         counters = station.counters
         counters.transactions += 1
         counters.bytes_sent += len(prepared.data)

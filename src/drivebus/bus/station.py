@@ -175,6 +175,7 @@ class Station:
         "last_request",
         "last_request_answered",
         "last_request_sent_at",
+        "motions_sent",
         "next_probe_at",
         "probe_backoff_s",
         "quarantined_until",
@@ -197,6 +198,8 @@ class Station:
         self.state = StationState.NEVER_SEEN
         self.stop_epoch = 0
         """Number of stops so far; a permit of an older epoch is void."""
+        self.motions_sent = 0
+        """Number of frames so far that may have moved the motor."""
         self.start_inhibited = False
         self.contact_losses = 0
         """Number of times after which another drive, or one with other settings, may have answered."""

@@ -7,11 +7,16 @@ from dataclasses import replace
 
 import pytest
 
+from drivebus.drives.outcome import Outcome
 from drivebus.drives.state import DriveState
-from drivebus.errors import Superseded
+from drivebus.errors import ArmRequired, Superseded
+from drivebus.service.alarms import SystemAlarm
 from drivebus.service.auth.rights import Role
+from drivebus.service.config.model import OnClientLost
+from drivebus.service.control.leases import LEASE_TTL_S
 from drivebus.testing.virtual_time import run
-from fixtures.service import GROUPS, plant_config, remote_actor, running_service
+from drivebus.types import Json
+from fixtures.service import DRIVES, GROUPS, ServiceKit, plant_config, remote_actor, running_service
 
 ANN = remote_actor()
 
@@ -100,5 +105,143 @@ def test_a_start_after_the_loss_of_control_is_another_command() -> None:
             started = await kit.call("drive.run", bob, drive="fan-1", frequency_hz=10.0, arm_token=arm)
             assert (started["outcome"]["status"], starting.done()) == ("confirmed", True)
             assert kit.station("fan-1").motor.starts == 1
+
+    run(scenario())
+
+
+async def _end_control(kit: ServiceKit, how: str) -> None:
+    """End Ann's control of the first fan, without another command of the drive."""
+    match how:
+        case "release":
+            await kit.call("lease.release", ANN, drive="fan-1")
+        case "expiry":
+            while kit.service.plant.leases.get("fan-1", kit.service.plant.now()) is not None:  # noqa: ASYNC110
+                await asyncio.sleep(0.01)
+            await asyncio.sleep(0.25)  # one cycle of the supervision
+        case "expiry before another takes it":
+            while kit.service.plant.leases.get("fan-1", kit.service.plant.now()) is not None:  # noqa: ASYNC110
+                await asyncio.sleep(0.0001)
+            await kit.call("lease.take", remote_actor("bob"), drive="fan-1")
+        case "handover":
+            request = (await kit.call("control_request.make", remote_actor("bob"), drive="fan-1"))["control_request"]
+            await kit.call("control_request.grant", ANN, drive="fan-1", request=request["id"])
+
+
+async def _start_before_the_lease_ends(kit: ServiceKit, before_s: float) -> asyncio.Task[Json]:
+    await asyncio.sleep(2)
+    await kit.grant_waivers()
+    await kit.call("lease.take", ANN, drive="fan-1")
+    await asyncio.sleep(LEASE_TTL_S - before_s)
+    arm = (await kit.call("drive.arm", ANN, drive="fan-1"))["arm_token"]
+    return asyncio.create_task(kit.call("drive.run", ANN, drive="fan-1", frequency_hz=20.0, arm_token=arm))
+
+
+CONTROL_ENDS = ["release", "handover", "expiry", "expiry before another takes it"]
+
+
+@pytest.mark.parametrize("policy", list(OnClientLost))
+@pytest.mark.parametrize("how", CONTROL_ENDS)
+def test_a_start_that_has_not_left_when_its_control_ends_is_not_sent_and_raises_no_alarm(
+    how: str, policy: OnClientLost
+) -> None:
+    """The motor started without control, or under that of a user who had not started it."""
+
+    async def scenario() -> None:
+        drives = tuple(replace(drive, on_client_lost=policy) for drive in DRIVES)
+        async with running_service(plant_config(drives=drives)) as kit:
+            starting = await _start_before_the_lease_ends(kit, 0.1)
+            await asyncio.sleep(0.05)
+            assert not starting.done() and kit.station("fan-1").motor.starts == 0
+            await _end_control(kit, how)
+            with pytest.raises(Superseded) as withdrawn:
+                await starting
+            assert (withdrawn.value.key, withdrawn.value.may_be_running) == ("plant.control_ended_meanwhile", False)
+            await asyncio.sleep(15)  # a lease that was handed over has ended, too
+            assert kit.station("fan-1").motor.starts == 0
+            assert not kit.service.plant.drives["fan-1"].started_by_service
+            assert [one.kind for one in kit.service.plant.alarms.active()] == []
+            assert [entry for entry in kit.trail.entries if entry.what == "drive.stop"] == []
+
+    run(scenario())
+
+
+@pytest.mark.parametrize(("how", "alarm"), [("release", False), ("handover", False), ("expiry", True)])
+def test_a_start_that_has_left_when_its_control_ends_is_confirmed_and_only_an_expiry_is_an_alarm(
+    how: str, alarm: bool
+) -> None:
+    async def scenario() -> None:
+        drives = tuple(replace(drive, on_client_lost=OnClientLost.HOLD) for drive in DRIVES)
+        async with running_service(plant_config(drives=drives)) as kit:
+            starting = await _start_before_the_lease_ends(kit, 0.8)
+            while kit.station("fan-1").motor.starts == 0 and not starting.done():  # noqa: ASYNC110
+                await asyncio.sleep(0.001)
+            assert not starting.done()
+            await _end_control(kit, how)
+            assert (await starting)["outcome"]["status"] == "confirmed"
+            alarms = [one.kind for one in kit.service.plant.alarms.active()]
+            assert alarms == [SystemAlarm.CONTROL_LOST] * alarm
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("how", CONTROL_ENDS)
+def test_the_end_of_control_ends_its_arm_tokens(how: str) -> None:
+    """The same session could take control back and start with what it had armed before another had the drive."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(2)
+            await kit.grant_waivers()
+            await kit.call("lease.take", ANN, drive="fan-1")
+            await asyncio.sleep(LEASE_TTL_S - 1)
+            arm = (await kit.call("drive.arm", ANN, drive="fan-1"))["arm_token"]
+            await _end_control(kit, how)
+            await kit.service.end_control("logout", remote_actor("bob"))
+            await kit.call("lease.take", ANN, drive="fan-1")
+            with pytest.raises(ArmRequired):
+                await kit.call("drive.run", ANN, drive="fan-1", frequency_hz=20.0, arm_token=arm)
+
+    run(scenario())
+
+
+def test_two_starts_of_a_drive_that_were_not_sent_leave_it_not_started() -> None:
+    """The second took the first for a start by the service: the end of the lease was an alarm of a drive at rest."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(2)
+            runtime = kit.service.plant.drives["fan-1"]
+            rejected = Superseded("plant.stopped_meanwhile", drive="fan-1")
+            rejected.may_be_running = False
+
+            async def start(seconds: float) -> Outcome:
+                await asyncio.sleep(seconds)
+                raise rejected
+
+            starts = [kit.service.commands.run_motion(runtime, start(seconds)) for seconds in (0.1, 0.2)]
+            for result in await asyncio.gather(*starts, return_exceptions=True):
+                assert result is rejected
+            assert not runtime.started_by_service
+
+    run(scenario())
+
+
+def test_a_group_start_whose_control_was_released_does_not_wait_for_the_turns_of_its_other_drives() -> None:
+    """It counted as being started, so that no other user could start it."""
+
+    async def scenario() -> None:
+        async with running_service(plant_config(groups=(replace(GROUPS[0], start_interval_s=20.0),))) as kit:
+            await asyncio.sleep(2)
+            await kit.grant_waivers()
+            for drive in ("fan-1", "fan-2"):
+                await kit.call("lease.take", ANN, drive=drive)
+            arm = (await kit.call("group.arm", ANN, group="fans"))["arm_token"]
+            starting = asyncio.create_task(kit.call("group.start", ANN, group="fans", frequency_hz=20.0, arm_token=arm))
+            await asyncio.sleep(2)
+            assert not starting.done()
+            await kit.call("lease.release", ANN, drive="fan-2")
+            async with asyncio.timeout(1):
+                outcomes = (await starting)["outcomes"]
+            assert (outcomes["fan-1"]["status"], outcomes["fan-2"]["code"]) == ("confirmed", "plant.lease_gone")
 
     run(scenario())

@@ -44,8 +44,6 @@ class ControlCommands:
         """Take control. The event of a takeover names the user who had asked for control, too."""
         runtime, now = self.plant.drive_runtime(params.drive), self.plant.now()
         taken = self.plant.leases.take(runtime.id, actor, now)
-        if taken is not None:
-            runtime.withdraw_commands()
         request = self.plant.control_requests.find_open(runtime.id)
         if taken is not None and request is not None and request.actor.session != actor.session:
             self.plant.publish_event(

@@ -6,7 +6,6 @@ import asyncio
 from collections.abc import Awaitable
 from contextlib import suppress
 from dataclasses import replace
-from math import inf
 from typing import Any
 
 from drivebus.drives.context import DriveLimits
@@ -126,7 +125,7 @@ class DriveCommands:
 
     async def run_motion(self, runtime: DriveRuntime, motion: Awaitable[Outcome]) -> Outcome:
         """Await a motion. One that failed before any motor can run by it leaves ``started_by_service`` unchanged."""
-        before, runtime.started_by_service, runtime.last_motion_at = runtime.started_by_service, True, inf
+        runtime.begin_start()
         last_stop, may_be_running = runtime.last_stop, False
         try:
             outcome = await motion
@@ -134,14 +133,14 @@ class DriveCommands:
             return outcome
         except DrivebusError as error:
             may_be_running = error.may_be_running is not False
-            if not may_be_running:
-                runtime.started_by_service = before
             raise
         finally:
-            if may_be_running and runtime.last_stop is last_stop:  # else it was stopped during the start
+            was_stopped = runtime.last_stop is not last_stop
+            if may_be_running and not was_stopped:
                 runtime.last_stop = None
-                runtime.started_by_service = True  # the stop before it may have been confirmed meanwhile
-            runtime.last_motion_at = self.plant.now()
+            # Of two stops, the one before the start may have been confirmed meanwhile; one during it ends the motion.
+            started = may_be_running and (not was_stopped or runtime.started_by_service)
+            runtime.end_start(self.plant.now(), started=started)
 
     @handles(DRIVE_SET_FREQUENCY)
     async def set_frequency(self, params: SetFrequencyParams, actor: Actor, ticket: CommandTicket) -> Json:

@@ -152,7 +152,7 @@ class GroupCommands:
     async def _wait_for_slot(self, start: _GroupStart, runtime: DriveRuntime, ticket: CommandTicket) -> float:
         """Wait for the drive's turn; return the time from which its start deadline runs.
 
-        Raises Superseded, and ControlNotHeld where the session that starts the group has ended.
+        Raises Superseded, and ControlNotHeld where the session that starts the group no longer controls the drive.
         """
         requested_at = ticket.issued_at
         while not self._is_slot_free(start, runtime):
@@ -160,8 +160,7 @@ class GroupCommands:
             await asyncio.sleep(SLOT_POLL_INTERVAL_S)
             requested_at = self.plant.now()
             check_not_superseded(self.plant, ticket)
-            if self.plant.leases.has_ended(start.actor.session, requested_at):
-                raise ControlNotHeld("plant.lease_gone", drive=runtime.id)
+            self._check_still_owner(runtime, start.actor)
         return requested_at
 
     def _poll_accelerating(self, runtimes: list[DriveRuntime]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from drivebus.errors import ArmRequired, ControlNotHeld
@@ -44,7 +45,9 @@ class ControlLease:
 class ControlLeases:
     """Control leases of all drives: at most one for each."""
 
-    def __init__(self) -> None:
+    def __init__(self, on_control_end: Callable[[str], None] = lambda drive: None) -> None:
+        """``on_control_end`` is called with a drive whenever the session that controlled it no longer does."""
+        self._on_control_end = on_control_end
         self._leases: dict[str, ControlLease] = {}
         self._replaced_expired: list[ControlLease] = []
         """Ended leases whose drive was taken again before ``pop_expired`` returned them."""
@@ -68,9 +71,11 @@ class ControlLeases:
         if taken is not None and not actor.may(Right.WRITE_PARAMETERS):
             raise _not_owner_error(taken)
         old = self._leases.get(drive)
-        if lease is None and old is not None and old.actor.session != actor.session:
-            self._replaced_expired.append(old)
         self._leases[drive] = ControlLease(drive, actor, now + LEASE_TTL_S)
+        if old is not None and old.actor.session != actor.session:
+            if taken is None:
+                self._replaced_expired.append(old)
+            self._on_control_end(drive)
         return taken
 
     def renew(self, drive: str, actor: Actor, now: float) -> ControlLease:
@@ -113,6 +118,7 @@ class ControlLeases:
         """Release the lease of ``actor`` to ``to``, which has to use it before it ends. Raises ControlNotHeld."""
         self.require_answerable(drive, actor, now)
         self._leases[drive] = ControlLease(drive, to, now + LEASE_TTL_S, claimed=False)
+        self._on_control_end(drive)
 
     def release(self, drive: str, actor: Actor, now: float) -> None:
         """End a lease; there may be none. Raises ControlNotHeld where it is another session's."""
@@ -120,13 +126,17 @@ class ControlLeases:
         if lease is not None and lease.actor.session != actor.session:
             raise _not_owner_error(lease)
         if lease is not None:
-            del self._leases[drive]
+            self._end(lease)
+
+    def _end(self, lease: ControlLease) -> None:
+        del self._leases[lease.drive]
+        self._on_control_end(lease.drive)
 
     def pop_expired(self, now: float) -> list[ControlLease]:
         """Return each lease that has ended since the last call."""
         over = [lease for lease in self._leases.values() if lease.expires_at <= now]
         for lease in over:
-            del self._leases[lease.drive]
+            self._end(lease)
         before, self._replaced_expired = self._replaced_expired, []
         return before + over
 
@@ -136,7 +146,7 @@ class ControlLeases:
         self._ended_sessions[session] = now + ENDED_SESSION_TTL_S
         held = [lease for drive in self._leases if (lease := self.get(drive, now)) and lease.actor.session == session]
         for lease in held:
-            del self._leases[lease.drive]
+            self._end(lease)
         return held
 
     def has_ended(self, session: str, now: float) -> bool:

@@ -37,12 +37,8 @@ class StopPolicies:
         self._on_leases_ended(self.plant.leases.pop_expired(now), "plant.lease_lost")
 
     def end_control(self, session: str, ended_by: str) -> list[str]:
-        """End the control of a session that has ended, and its commands that are under way; return the drives."""
+        """End the control of a session that has ended; return the drives."""
         leases = self.plant.leases.end_session(session, self.plant.now())
-        for lease in leases:
-            if lease.drive in self.plant.drives:
-                with failure_logged():
-                    self.plant.drives[lease.drive].withdraw_commands()
         reason = bilingual_text(f"plant.session_ended.{ended_by}")
         self._on_leases_ended(leases, "plant.lease_ended_with_session", reason=reason)
         return [lease.drive for lease in leases]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
+from math import inf
 from typing import Any
 
 from drivebus import profiles
@@ -79,6 +80,11 @@ class DriveRuntime:
         """Monotonic time at which it was added, at the start or by a reload; earlier frames are of another motor."""
         self.last_motion_at = 0.0
         """Monotonic time at which its last start ended; infinite while one is under way."""
+        self._starts_under_way = 0
+        self._started_before = False
+        """``started_by_service`` once the starts under way have ended, unless a motor can run by one of them."""
+        self._motions_sent_before = 0
+        """``Bus.motions_sent`` when the first of the starts under way began."""
         self.state_was_known = False
         """Its state was known at least once since this service started."""
         self.last_known_turning = False
@@ -94,8 +100,29 @@ class DriveRuntime:
         self._last_sampled: dict[str, float | None] = {}
 
     def withdraw_commands(self) -> None:
-        """Send nothing more of the commands of a session that has lost control."""
+        """Send nothing more of the commands of a session that has lost control.
+
+        A start of which no frame that moves was sent no longer counts as one by this service.
+        """
         self.drive.withdraw_commands(Superseded("plant.control_ended_meanwhile", drive=self.id))
+        if self._starts_under_way and self.bus.motions_sent(self.drive.address) == self._motions_sent_before:
+            self.started_by_service = self._started_before
+
+    def begin_start(self) -> None:
+        """Count the drive as started by this service until ``end_start``."""
+        if not self._starts_under_way:
+            self._started_before = self.started_by_service
+            self._motions_sent_before = self.bus.motions_sent(self.drive.address)
+        self._starts_under_way += 1
+        self.started_by_service, self.last_motion_at = True, inf
+
+    def end_start(self, now: float, *, started: bool) -> None:
+        """End what ``begin_start`` began. ``started`` false leaves ``started_by_service`` as it was before."""
+        self._starts_under_way -= 1
+        self._started_before |= started
+        self.started_by_service |= started
+        if not self._starts_under_way:
+            self.started_by_service, self.last_motion_at = self._started_before, now
 
     @property
     def runs_for_service(self) -> bool:
@@ -140,7 +167,7 @@ class DriveRuntime:
         """Record that it stands still: a later motion is not of this service, nor at its frequency."""
         if self.started_by_service or self.adopted:
             self.commanded_hz = None
-        self.started_by_service = self.adopted = False
+        self.started_by_service = self._started_before = self.adopted = False
 
     def reconfigure(self, setting: DriveConfig, *, polls: bool) -> None:
         """Apply changed limits and policies, and with ``polls`` changed polling."""

@@ -31,6 +31,7 @@ from drivebus.service.live.views import DriveView, Sample, StopKind, StopObject
 from drivebus.service.process.logging_setup import log_event
 from drivebus.service.runtime.bus import BusRuntime, TracedFrame
 from drivebus.service.runtime.drive import DriveRuntime
+from drivebus.service.runtime.failure_log import failure_logged
 from drivebus.service.runtime.run_statistics import RunStatisticsStore
 from drivebus.service.runtime.utc_clock import UtcClock
 from drivebus.service.storage.settings import SETTINGS_FILE, DriveIdentity, StoredSettings
@@ -116,7 +117,7 @@ class Plant:
     """Newest view of each drive."""
     buses: dict[str, BusRuntime] = field(default_factory=dict)
     drives: dict[str, DriveRuntime] = field(default_factory=dict)
-    leases: ControlLeases = field(default_factory=ControlLeases)
+    leases: ControlLeases = field(init=False)
     control_requests: ControlRequests = field(default_factory=ControlRequests)
     arm_tokens: ArmTokens = field(default_factory=ArmTokens)
     stop_counts: Counter[str] = field(default_factory=Counter)
@@ -139,6 +140,9 @@ class Plant:
     """Monotonic time of the last command that may have changed any drive."""
     _last_commands_at: dict[str, float] = field(default_factory=dict)
     """Drive → monotonic time of the last command that may have changed this drive."""
+
+    def __post_init__(self) -> None:
+        self.leases = ControlLeases(self._on_control_end)
 
     def subscribe(self, listener: PlantListener) -> None:
         """Notify ``listener`` of everything that happens from now on."""
@@ -333,6 +337,13 @@ class Plant:
         """Invalidate the arm tokens of a drive and of its groups."""
         groups = (f"group:{group.id}" for group in self.groups_of(drive))
         self.arm_tokens.revoke(drive, arm_target_of_test(drive), *groups)
+
+    def _on_control_end(self, drive: str) -> None:
+        """Withdraw what was not sent yet of a session that no longer controls a drive, and its arm tokens."""
+        self.revoke_arm_tokens(drive)
+        if drive in self.drives:
+            with failure_logged():
+                self.drives[drive].withdraw_commands()
 
     # --- what outlives the process ------------------------------------------------------------------------------
 
