@@ -112,11 +112,11 @@ class TopicCache:
         return list(self.lists[topic]) if topic in self.lists else self.topics[topic]
 
     def part(self, topic: str, keys: set[str], signals: set[str]) -> Json:
-        """Return some keys of a topic, and of ``signals`` only those named."""
+        """Return some keys of a topic, and of ``signals`` only those named; null for one that is gone."""
         content = self.topics[topic]
         part = {key: content[key] for key in content if key in keys}
         if "signals" in part:
-            part["signals"] = {name: value for name, value in content["signals"].items() if name in signals}
+            part["signals"] = {name: content["signals"].get(name) for name in sorted(signals)}
         return part
 
     def _append(self, topic: str, items: list[Json], change: TopicChange) -> None:
@@ -142,7 +142,10 @@ class TopicCache:
             change.urgent.add(topic)
 
     def _replace_signals(self, topic: str, previous: Json, signals: Json, change: TopicChange) -> None:
+        gone = previous.keys() - signals.keys()  # of a drive that a reload has replaced by another model
         changed = {name for name, value in signals.items() if previous.get(name, _MISSING) != value}
-        change.signals[topic] = changed
-        if any(name not in previous or previous[name]["quality"] != signals[name]["quality"] for name in changed):
+        change.signals[topic] = changed | gone
+        if gone or any(
+            name not in previous or previous[name]["quality"] != signals[name]["quality"] for name in changed
+        ):
             change.urgent.add(topic)

@@ -83,6 +83,24 @@ def test_all_clients_share_one_subscription_and_a_message_is_encoded_once() -> N
     run_feed(scenario)
 
 
+def test_a_signal_that_a_replaced_drive_no_longer_has_is_null_at_once() -> None:
+    """Regression: a client that merges deltas kept the last value of the model before."""
+
+    async def scenario(plant: FakeService, feed: UpstreamFeed) -> None:
+        client = FakeSubscriber()
+        feed.join(client, DRIVES, 5.0)
+        plant.messages.put_nowait(snapshot(drives__a={"signals": {"f": signal(1.0), "old": signal(1.0)}}))
+        await asyncio.sleep(0.1)
+        plant.messages.put_nowait(update({"drives/a": {"signals": {"f": signal(2.0)}}}))
+        await asyncio.sleep(0.5)
+        plant.messages.put_nowait(update({"drives/a": {"signals": {"f": signal(2.0)}}}))
+        await asyncio.sleep(5.0)
+        _, *deltas = client.topics()
+        assert [one["drives/a"]["signals"] for one in deltas] == [{"f": signal(2.0), "old": None}]
+
+    run_feed(scenario)
+
+
 def test_a_later_client_gets_a_snapshot_of_the_current_state() -> None:
     async def scenario(plant: FakeService, feed: UpstreamFeed) -> None:
         first, later = FakeSubscriber(), FakeSubscriber()

@@ -6,6 +6,7 @@ import { AlarmStrip } from "./alarms/alarm-strip.js";
 import { ControlRequestNotices } from "./control/request-notices.js";
 import { StopBar } from "./control/stop-bar.js";
 import { TakeoverNotices } from "./control/takeover-notices.js";
+import { ReplacedDrive } from "./drive/replaced-drive.js";
 import { ErrorBoundary } from "./error-boundary.js";
 import { duration, moment } from "./format.js";
 import { localized, t, titleOf } from "./i18n.js";
@@ -145,7 +146,7 @@ function Notices() {
   usePublishedHeight(box, "--notices");
   return html`<div class="notices" ref=${box}><${ConnectionNotice} /><${NewVersion} /><${ServiceNotice} /><${FailedLogins} />
     <${LogoutNotice} /><${Unlock} />
-    <${TakeoverNotices} /><${ControlRequestNotices} /></div>`;
+    <${ReplacedDrive} /><${TakeoverNotices} /><${ControlRequestNotices} /></div>`;
 }
 
 /** `children` is the page of the address. */

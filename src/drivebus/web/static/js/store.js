@@ -66,6 +66,13 @@ const withReadTime = (signals, at, time_ms) => Object.fromEntries(
   }]),
 );
 
+/** Merge changed signals; null stands for one that the drive no longer has. */
+function mergeSignals(old, changed, at, time_ms) {
+  const there = Object.entries(changed).filter(([, found]) => found !== null);
+  const merged = { ...old, ...withReadTime(Object.fromEntries(there), at, time_ms) };
+  return Object.fromEntries(Object.entries(merged).filter(([name]) => changed[name] !== null));
+}
+
 /** Append to a feed, {items, missed}: the newest items, and the number of items dropped on the way. */
 function appendItems(old, news) {
   const items = [...(old?.items ?? []), ...news].slice(-MAX_FEED_ITEMS);
@@ -78,7 +85,7 @@ const isFeed = (name) => name === "events" || name.startsWith("frames/");
 export function mergeTopic(name, old, change, at, time_ms) {
   if (isFeed(name)) return appendItems(old, change);
   const now = { ...old, ...change };
-  if (change.signals) now.signals = { ...old?.signals, ...withReadTime(change.signals, at, time_ms) };
+  if (change.signals) now.signals = mergeSignals(old?.signals, change.signals, at, time_ms);
   return now;
 }
 

@@ -2,7 +2,7 @@
 // value of a drive.
 import { computed } from "./lib.js";
 import { isolated, t, titleOf } from "./i18n.js";
-import { drive, group } from "./store.js";
+import { bus, drive, group } from "./store.js";
 
 /** Order of names: motor 9 before motor 10. */
 export const collator = new Intl.Collator(undefined, { numeric: true });
@@ -14,6 +14,9 @@ export function driveTitle(id) {
   if (!titles.has(id)) titles.set(id, computed(() => titleOf(drive(id).value ?? { id })));
   return titles.get(id).value;
 }
+
+/** Title of a bus in the reader's language; its id where the plant has no such bus. */
+export const busTitle = (id) => titleOf(bus(id).value ?? { id });
 
 /** Title of a group in the reader's language; its id where the plant has no such group. */
 export const groupTitle = (id) => titleOf(group(id).value ?? { id });

@@ -7,8 +7,9 @@ import { Tabs } from "../tabs.js";
 import { href, replaceQuery } from "../router.js";
 import { stateOf } from "../readings.js";
 import { addSignalNames } from "../signal-names.js";
-import { bus, drive, isAbsent } from "../store.js";
-import { groupTitle } from "../titles.js";
+import { drive, isAbsent } from "../store.js";
+import { busTitle, groupTitle } from "../titles.js";
+import { motorOf } from "../drive/replaced-drive.js";
 import { StateMark } from "../drive/state-mark.js";
 import { CommLoss } from "../drive/comm-loss.js";
 import { ControlPanel, SAFETY_ID } from "../drive/control.js";
@@ -22,10 +23,9 @@ import { TrendTab } from "../drive/trend-tab.js";
 import { Values } from "../drive/values.js";
 
 function BusLocation({ view }) {
-  const found = bus(view.bus).value;
   const groups = view.groups.map((id) => html`<a key=${id} href=${href("fleet", null, { group: id })}>${groupTitle(id)}</a> `);
   return html`<p class="soft identity"><code>${view.id}</code> · <a href=${href("buses", view.bus)}>
-    ${found ? titleOf(found) : view.bus}</a>
+    ${busTitle(view.bus)}</a>
     ${" · "}${t("page.station", { address: view.address })} · <code>${view.model}
       </code> · ${t("page.grade")}${t("page.colon")}${t(`page.grade_${view.grade}`)}
     ${groups.length > 0 && html`${" · "}${groups}`}</p>`;
@@ -65,14 +65,19 @@ function Details({ view, query }) {
     onChange=${(tab) => replaceQuery({ tab })} /></section>`;
 }
 
-export function Page({ id, query }) {
-  const view = drive(id).value;
-  if (!view && !isAbsent(`drives/${id}`)) return html`<${Loading} />`;
-  if (!view) return html`<h1>${id}</h1><${Notice} kind="warning">${t("page.no_such_drive", { id })} <a href=${href("fleet")}>
-    ${t("page.nav_fleet")}</a><//>`;
+/** All of one motor: what was entered for it, or read from it, is not left for the next one. */
+function DriveParts({ view, query }) {
   return html`<${Head} view=${view} /><${CurrentFault} view=${view} />
     <div class="drivegrid"><${Values} view=${view} /><div class="stack drivecontrol"><${ControlPanel} view=${view} />
       <section class="panel stack" id=${SAFETY_ID} tabindex="-1" aria-labelledby="safety-title"><h2
         id="safety-title">${t("page.safety")}</h2><${CommLoss} view=${view} /><${Limits} view=${view} />
       </section></div><${Details} view=${view} query=${query} /></div>`;
+}
+
+export function Page({ id, query }) {
+  const view = drive(id).value;
+  if (!view && !isAbsent(`drives/${id}`)) return html`<${Loading} />`;
+  if (!view) return html`<h1>${id}</h1><${Notice} kind="warning">${t("page.no_such_drive", { id })} <a href=${href("fleet")}>
+    ${t("page.nav_fleet")}</a><//>`;
+  return html`<${DriveParts} key=${motorOf(view)} view=${view} query=${query} />`;
 }
