@@ -221,6 +221,15 @@ def test_a_motor_that_does_not_do_what_is_commanded_fails(bench: SimulatedBus) -
     assert not bench.stations[0].motor.energised or bench.stations[0].motor.stopping
 
 
+@pytest.mark.parametrize("name", ["run_and_stop", "comm_loss"])
+def test_no_step_of_the_motor_passes_on_a_bus_that_was_unplugged_before(bench: SimulatedBus, name: str) -> None:
+    """Regression: a simulated adapter that was unplugged before the checklist was plugged in again by its start."""
+    bench.unplug()
+    found = step(name)
+    assert (found.verdict, found.reason) == (StepResult.FAILED, "acceptance.not_completed")
+    assert isinstance(found.figures["error"], PortError)
+
+
 def test_the_drive_left_alone_is_stopped_afterwards(bench: SimulatedBus) -> None:
     found = step("comm_loss")
     assert found.figures["stop"] == "confirmed"
