@@ -180,7 +180,7 @@ class SimulatedBus:
             group.receiver.tolerance_s = seconds
 
     def _switch_loop(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Move to another event loop: the wire is cleared; the drives keep their state, an unplugged adapter its own."""
+        """Move to another event loop: the wire is cleared; the drives keep their state, an adapter stays unplugged."""
         was_plugged = self.wire.plugged
         self.wire = Wire(self.settings, self.wire.line_quality, self.rng)
         self.wire.plugged = was_plugged
