@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import re
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from drivebus import profiles
+from drivebus.cli.demo import host
 from drivebus.cli.demo.layout import BUSES
 from drivebus.cli.demo.plant import MemoryDemoPlant
 from drivebus.cli.demo.plant_toml import FAULT_PROFILE, fault_profile_toml, plant_toml
 from drivebus.cli.demo.script import END_S, OPENING, PAGE_CONTINUATION, TERMINAL_CONTINUATION, ScriptPlayer, caption
 from drivebus.cli.demo.terminal import DemoClient
+from drivebus.cli.errors import ExitCode
 from drivebus.service.config import load
 from drivebus.simulator.models.c320 import FAULT_CODES
 from drivebus.simulator.motor import Trip
@@ -50,6 +54,23 @@ def test_the_page_tells_each_step_in_both_languages_and_shows_the_trip_and_the_a
     tripped = next(text for step, text in zip(steps, captions, strict=True) if step.action == "trip")
     assert "fan 3" in tripped["en"] and "风机 3 的电机" in tripped["zh"]
     assert not [text["zh"] for text in captions if re.search("[0-9A-Za-z][一-鿿]|[一-鿿][0-9A-Za-z]", text["zh"])]
+
+
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_the_end_of_the_demo_says_that_no_drive_is_left_running(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], interrupted: bool
+) -> None:
+    """Fans that still ramped down ended without a word, while `serve` names every stop that is not confirmed."""
+
+    async def run_with_page(*_: object) -> None:
+        if interrupted:
+            os.kill(os.getpid(), signal.SIGINT)
+            await asyncio.sleep(60.0)
+
+    monkeypatch.setattr(host, "_run_with_page", run_with_page)
+    code = asyncio.run(host._run_until_signal(8080))
+    assert code is (ExitCode.INTERRUPTED if interrupted else ExitCode.DONE)
+    assert "its simulated drives with it" in capsys.readouterr().out
 
 
 def test_the_trip_of_the_demo_has_a_cause_and_a_remedy(tmp_path: Path) -> None:

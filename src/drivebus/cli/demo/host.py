@@ -88,7 +88,9 @@ def run_demo(port: int) -> ExitCode:
 async def _run_until_signal(port: int) -> ExitCode:
     with shutdown_signals() as shutdown, _directory() as directory:
         await shutdown.interruptible(_run_with_page(directory, port))  # the service handles the signals once it runs
-        return ExitCode.INTERRUPTED if shutdown.received else ExitCode.DONE
+    with output.continue_without_output():
+        output.print_message("demo.ended")
+    return ExitCode.INTERRUPTED if shutdown.received else ExitCode.DONE
 
 
 @contextmanager
