@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import json
 import os
 import signal
@@ -345,3 +346,30 @@ def test_a_progress_bar_on_a_closed_terminal_ends_no_stop(monkeypatch: pytest.Mo
     bar = ProgressBar()
     with bar:
         bar._bar = Bar()
+
+
+@pytest.mark.parametrize("closed_before", [False, True])
+def test_a_progress_bar_goes_on_where_its_terminal_is_closed(
+    monkeypatch: pytest.MonkeyPatch, closed_before: bool
+) -> None:
+    """A drive that was found after the terminal had been closed ended the search for the others."""
+
+    class Terminal(io.StringIO):
+        is_closed = closed_before
+
+        def isatty(self) -> bool:
+            return True
+
+        def write(self, text: str) -> int:
+            if self.is_closed:
+                raise OSError(5, "Input/output error")
+            return super().write(text)
+
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm")
+    with ProgressBar() as bar:
+        terminal.is_closed = True
+        bar.print_above("drive 1")
+        bar.update("drive 2", 1.0, 2.0)
+    assert bool(terminal.getvalue()) is not closed_before

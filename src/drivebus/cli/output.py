@@ -298,7 +298,8 @@ class ProgressBar:
             columns = (TextColumn("{task.description}"), BarColumn(bar_width=None), TextColumn("{task.fields[left]}"))
             self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
             self._task = self._bar.add_task("", total=1.0, left="")
-            self._bar.start()
+            with suppress(OSError):
+                self._bar.start()
         return self
 
     def __exit__(self, *exc: object) -> None:
@@ -315,7 +316,8 @@ class ProgressBar:
     def print_above(self, line: str) -> None:
         """Print a line above the bar."""
         if self._bar is not None:
-            self._bar.console.print(line, markup=False, highlight=False)
+            with suppress(OSError):
+                self._bar.console.print(line, markup=False, highlight=False)
 
 
 def format_minutes(seconds: float) -> str:
