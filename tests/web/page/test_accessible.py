@@ -148,6 +148,39 @@ def test_on_a_phone_the_stops_of_two_groups_stand_beside_each_other(visit: Any) 
     assert first["y"] == second["y"] and second["x"] + second["width"] <= 375
 
 
+THIRTY_GROUPS = """() => import('/static/js/store.js').then((store) => {
+  const group = store.group('air').peek();
+  const more = Array.from({ length: 28 }, (_, n) => `section-${n}`);
+  store.applyDelta({ topics: Object.fromEntries(more.map((id) => [`groups/${id}`, { ...group, id, title: null }])) });
+})"""
+
+
+def test_the_stops_of_thirty_groups_are_all_in_sight(visit: Any) -> None:
+    """Regression: on a wide screen eight were, in one column that scrolls."""
+    page = visit("#/fleet")
+    page.evaluate(THIRTY_GROUPS)
+    page.locator("[data-stop=groups]").click()
+    page.locator(".stopmenu .stop").nth(29).wait_for()
+    assert page.locator(".stopmenu").evaluate("one => one.scrollHeight - one.clientHeight") <= 0
+    boxes = [one.bounding_box() for one in page.locator(".stopmenu .stop").all()]
+    bar = page.locator(".stopbar").bounding_box()
+    assert all(box["y"] >= 0 and box["y"] + box["height"] <= bar["y"] for box in boxes)
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_long_name_of_the_plant_leaves_the_links_and_the_account_in_one_row(visit: Any, language: str) -> None:
+    """Regression: the head took a second row from the drives."""
+    page = visit("#/fleet", language=language)
+    height = page.locator(".head").bounding_box()["height"]
+    title = {"en": "Works 3, dyeing and finishing", "zh": "三厂染整车间与污水处理站及锅炉房"}
+    page.evaluate(
+        "(title) => import('/static/js/store.js').then((store) => store.applyDelta({ topics: { plant: { title } } }))",
+        title,
+    )
+    page.locator(".head .plant", has_text=title[language]).wait_for()
+    assert page.locator(".head").bounding_box()["height"] <= height + 6
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 @pytest.mark.parametrize(
     "size", [(640, 450), (740, 360), (568, 320)], ids=["zoomed", "phone on its side", "small phone"]
