@@ -82,7 +82,7 @@ class Calibration:
                 continue
             try:
                 value = json.loads(text)
-            except ValueError:
+            except (ValueError, RecursionError):
                 continue
             if self._dialect.profile.question(option).allows(value):
                 self._dialect.set_option(option, value)

@@ -43,9 +43,14 @@ class EepromBudget:
         if text is None:
             return SaveCount()
         try:
-            return SaveCount(**json.loads(text))
-        except (ValueError, TypeError):
-            return SaveCount("9999-12-31", self.budget, ram_written=True)
+            count = SaveCount(**json.loads(text))
+        except (ValueError, TypeError, RecursionError):
+            return self._used_up()
+        types = tuple(map(type, (count.day, count.today, count.total, count.ram_written)))
+        return count if types == (str, int, int, bool) else self._used_up()
+
+    def _used_up(self) -> SaveCount:
+        return SaveCount("9999-12-31", self.budget, ram_written=True)
 
     def _key_of(self, notation: str) -> str:
         return f"eeprom/{self._key}/{notation}"

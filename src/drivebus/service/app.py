@@ -148,7 +148,7 @@ class Service:
             plant.raise_alarm(SystemAlarm.AUDIT_INCOMPLETE, subject=AUDIT_FILE)
         if plant.audit.key_replaced:
             plant.raise_alarm(SystemAlarm.AUDIT_KEY_REPLACED, subject=plant.audit.paths.key.name)
-        self._report_damaged_alarms()
+        plant.report_damaged(ALARM_LOG_FILE, self._alarm_log.damaged_copy)
         for bus in plant.config.buses:
             plant.add_bus(bus, plant.config.drives)
         for drive in plant.config.drives:
@@ -158,14 +158,6 @@ class Service:
             runtime.start()
         self.supervision.run_once()
         self._supervision_task = asyncio.create_task(self.supervision.run(), name="supervision")
-
-    def _report_damaged_alarms(self) -> None:
-        """Raise an alarm where the log of alarms was put aside at this start, else clear it."""
-        subject = ALARM_LOG_FILE
-        if self._alarm_log.damaged_copy:
-            self.plant.raise_alarm(SystemAlarm.FILE_DAMAGED, subject=subject, copy=self._alarm_log.damaged_copy)
-        else:
-            self.plant.clear_alarm(SystemAlarm.FILE_DAMAGED, subject=subject)
 
     async def stop(self) -> Json:
         """Stop what this service started, then close every bus. Return the outcome of each drive's stop."""

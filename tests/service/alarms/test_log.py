@@ -253,6 +253,8 @@ WRONG_FIELDS: list[dict[str, Any]] = [
     {"cleared_ms": "noon"},
     {"shelved_until_ms": "soon"},
     {"value": [1]},
+    {"value": float("nan")},
+    {"value": float("inf")},
     {"drive": 5},
     {"subject": None},
     {"incident": 7},

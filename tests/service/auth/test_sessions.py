@@ -458,6 +458,17 @@ def test_no_session_survives_a_reboot(tmp_path: Path, monkeypatch: pytest.Monkey
     assert restarted(auth, clock).session_credential(secret) is None, "the boot is unknown"
 
 
+@pytest.mark.parametrize("time", ["NaN", "1e999", '"noon"'])
+def test_a_saved_session_without_a_time_requires_a_new_login(tmp_path: Path, time: str) -> None:
+    """Compared with no number it never became idle, and never ended."""
+    auth, clock = auth_service(tmp_path)
+    secret, _ = login(auth)
+    text, replaced = re.subn(r'"(opened|active)":[^,}]+', rf'"\1":{time}', auth.session_store.path.read_text())
+    assert replaced == 2
+    auth.session_store.path.write_text(text)
+    assert restarted(auth, clock).session_credential(secret) is None
+
+
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"boot": "x", "sessions": [{}]}'])
 def test_an_unreadable_session_file_requires_a_new_login(tmp_path: Path, content: str) -> None:
     auth, clock = auth_service(tmp_path)

@@ -269,6 +269,22 @@ def test_a_broken_edit_of_the_user_file_prevents_no_stop_and_is_not_overwritten(
     assert file.read() == repaired
 
 
+def test_a_user_file_that_is_damaged_while_the_service_runs_is_logged_once_for_each_damage(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The users of before stayed in force without a word."""
+    file = UserFile(tmp_path / "users.json")
+    file.change(lambda database: database.with_user(ADMIN))
+    file.read()
+    whole = file.path.read_text()
+    for text in ("{ oops", whole, "{ oops"):
+        file.path.write_text(text)
+        for _ in range(3):
+            assert file.read().users == (ADMIN,)
+    found = [record.message for record in caplog.records if "stay in force" in record.message]
+    assert len(found) == 2 and "users.json" in found[0]
+
+
 def test_a_user_file_that_is_removed_while_the_service_runs_prevents_no_stop_and_begins_no_set_up(
     tmp_path: Path,
 ) -> None:
@@ -296,6 +312,9 @@ def test_users_that_another_program_replaces_are_logged(tmp_path: Path, caplog: 
     assert len(file.read().users) == 2 and caplog.messages == [], "own changes are in the audit trail"
     file.path.unlink()
     file.read()
+    (removed,) = caplog.messages
+    assert str(file.path) in removed and "stay in force" in removed
+    caplog.clear()
     new = [replace(ADMIN, name=f"u{number:02d}") for number in range(11)]
     carl = replace(ADMIN, name="carl", role=Role.VIEWER)
     UserFile(file.path).change(lambda _: UserDatabase((*new, carl)))

@@ -19,7 +19,7 @@ from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import FLUSH_INTERVAL_S, Historian
 from drivebus.service.historian.postgres import PostgresConnection
 from drivebus.service.historian.sqlite import SqliteConnection
-from drivebus.service.historian.store import EventQuery
+from drivebus.service.historian.store import EventQuery, EventRow
 from drivebus.service.live.views import Sample
 from drivebus.testing import virtual_time
 from drivebus.values import Quality, Text
@@ -159,6 +159,18 @@ async def test_events_are_read_newest_first_in_pages(database: HistoryDatabase) 
         of_drive = await historian.queries.events(TimeRangeParams(drive="fan-1", from_ms=NOON_MS + 2))
     assert found == [f"e-{n}" for n in range(9, -1, -1)]
     assert [item["id"] for item in of_drive["items"]] == ["e-8", "e-7", "e-5", "e-4"]
+
+
+@pytest.mark.parametrize("damaged", ["", "{", "[]", '{"time_ms": NaN}', "[" * 100_000])
+async def test_a_damaged_event_hides_no_other(database: HistoryDatabase, damaged: str) -> None:
+    """The list of events, and the markers of every trend, ended with an internal error."""
+    async with database.historian() as historian:
+        for n in (0, 2):
+            historian.put_event({"id": f"e-{n}", "time_ms": NOON_MS + n, "kind": "command", "drive": None})
+        historian.queue.put_event(EventRow(0, NOON_MS + 1, "command", None, damaged))
+        await historian.flush()
+        found = await historian.queries.events(TimeRangeParams())
+    assert [item["id"] for item in found["items"]] == ["e-2", "e-0"]
 
 
 async def test_documents_are_stored_replaced_and_deleted(database: HistoryDatabase) -> None:

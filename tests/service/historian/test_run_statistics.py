@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from typing import Any
 
 import pytest
 
 from drivebus.errors import ServiceUnavailable
 from drivebus.service.historian import Historian
+from drivebus.service.historian.store import Document
 from drivebus.service.live.views import DriveView, SignalView
 from drivebus.service.runtime.run_statistics import (
     DOCUMENT_KIND,
@@ -164,3 +166,44 @@ def test_stored_statistics_are_loaded_later_and_never_overwritten_before() -> No
         assert fake.stored["fan-1"]["running_s"] == 9.0
 
     virtual_time.run(scenario())
+
+
+DAMAGED = [
+    '{"starts": "two"}',
+    '{"starts": true}',
+    '{"running_s": NaN}',
+    '{"running_s": 1e999}',
+    '{"energy_kwh": ' + "9" * 400 + "}",
+    '{"faults": ["E-3"]}',
+    '{"faults": {"E-3": null}}',
+    '{"faults": null}',
+    '{"turned": "yes"}',
+    '{"fault": 3}',
+    "[]",
+    "5",
+    "{",
+    "",
+    "[" * 100_000,
+]
+
+
+@pytest.mark.parametrize("damaged", DAMAGED, ids=[text[:30] for text in DAMAGED])
+async def test_damaged_statistics_of_one_drive_are_kept_aside_and_it_is_counted_again(
+    database: HistoryDatabase, damaged: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Nothing was counted any more, of any drive, without an alarm."""
+    async with database.historian() as historian:
+        historian.queue.put_document(Document(DOCUMENT_KIND, "fan-1", damaged))
+        historian.put_document(DOCUMENT_KIND, "fan-2", {"starts": 7})
+    async with database.historian() as historian:
+        store = RunStatisticsStore(historian)
+        await store.open()
+        for n, state in enumerate(("stopped", "running")):
+            store.on_view(view(state), float(n), NOON_MS)
+        assert (store.statistics_json("fan-1")["starts"], store.statistics_json("fan-2")["starts"]) == (1, 7)
+        await store.close()
+        assert (await _flushed_documents(historian))["fan-1"]["starts"] == 1
+        (kept,) = (await historian.documents(store.damaged_copy)).values()
+    assert kept == damaged or kept == json.loads(damaged)
+    (record,) = [one.message for one in caplog.records if "run statistics" in one.message]
+    assert "fan-1" in record and store.damaged_copy in record

@@ -322,7 +322,9 @@ def test_a_damaged_incident_hides_no_other_and_ends_no_recording(tmp_path: Path,
     assert store.write("fan-1", {"time_ms": 3, "drive": "fan-1"}, {}, CaptureHeader(SERIAL), []) == "000003-fan-1"
 
 
-@pytest.mark.parametrize("damaged", [b"", b'{"id": ', b"\xff\xfe", b"[]", b"{}", None])
+@pytest.mark.parametrize(
+    "damaged", [b"", b'{"id": ', b"\xff\xfe", b"[]", b"{}", b'{"time_ms": 1, "drive": "fan-1", "value": NaN}', None]
+)
 def test_an_incident_whose_file_is_damaged_or_missing_is_not_called_unknown(
     tmp_path: Path, damaged: bytes | None
 ) -> None:
@@ -335,6 +337,16 @@ def test_an_incident_whose_file_is_damaged_or_missing_is_not_called_unknown(
         store.get(id)
     assert not isinstance(caught.value, NotFound)
     assert str(file) in str(caught.value) and "backup" in str(caught.value)
+
+
+def test_damaged_notes_and_parameters_of_an_incident_hide_nothing_else(tmp_path: Path) -> None:
+    """A number that JSON does not have ended the answer with the whole incident."""
+    store = IncidentStore(tmp_path)
+    id = store.write("fan-1", {"time_ms": 1, "drive": "fan-1"}, {}, CaptureHeader(SERIAL), [])
+    (tmp_path / id / "notes.json").write_text('{"notes": ["x", 5, {"text": "found"}]}')
+    (tmp_path / id / "parameters.json").write_text('{"P0.01": NaN}')
+    found = store.get(id)
+    assert (found["notes"], found["parameters"], found["drive"]) == ([{"text": "found"}], None, "fan-1")
 
 
 def test_an_incident_without_readable_frames_says_why(tmp_path: Path) -> None:

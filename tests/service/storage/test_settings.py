@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -14,8 +15,11 @@ import pytest
 from drivebus import atomic_write
 from drivebus.drives import Drive, FileStore, MemoryStore, store
 from drivebus.drives.context import DriveLimits
-from drivebus.errors import ConfigurationError, ServiceError
+from drivebus.errors import ConfigurationError, EepromBudgetExceeded, ServiceError
 from drivebus.service.app import Service, build_service
+from drivebus.service.config.model import HistoryConfig
+from drivebus.service.historian import Historian
+from drivebus.service.runtime.supervision import STORAGE_CHECK_CYCLES
 from drivebus.service.storage.settings import StoredSettings, recover_settings
 from drivebus.service.storage.storage import Storage
 from drivebus.simulator.port import clear_simulated_buses
@@ -215,6 +219,34 @@ async def test_a_damaged_store_of_eeprom_counts_prevents_no_stop(tmp_path: Path)
         with pytest.raises(ConfigurationError, match=r"store\.json"):
             await drive.write({"F1.10": 16}, save=True)
     assert file.read_bytes() == b"\x80"
+
+
+@pytest.mark.parametrize("count", ['{"day": 5}', '{"today": "many"}', '{"total": null}', "[" * 100_000, "[1, 2]"])
+async def test_a_damaged_count_of_eeprom_writes_is_a_used_up_budget(tmp_path: Path, count: str) -> None:
+    """A count of another type ended the write with an internal error."""
+    store = FileStore(tmp_path / "store.json")
+    async with SimulatedDrives("c320") as bench:
+        drive = Drive(bench.bus, "c320", 1, store=store)
+        await drive.write({"F1.10": 16}, save=True)
+        (key,) = [key for key in json.loads(store.path.read_text())["values"] if key.startswith("eeprom/")]
+        store.put(key, count)
+        with pytest.raises(EepromBudgetExceeded):
+            await drive.write({"F1.10": 17}, save=True)
+
+
+async def test_damaged_run_statistics_are_an_alarm_until_the_next_start(tmp_path: Path) -> None:
+    """Nothing was counted any more, of any drive, without an alarm."""
+    historian = Historian(HistoryConfig(), tmp_path)
+    await historian.open()
+    historian.put_document("statistics", "fan-1", {"running_s": "long"})
+    await historian.close()
+    for expected in (["statistics"], []):
+        async with service_in(tmp_path) as service:
+            for _ in range(STORAGE_CHECK_CYCLES):
+                service.supervision.run_once()
+            damaged = [one for one in service.plant.alarms.active() if one.kind == "file_damaged"]
+            assert [one.subject for one in damaged if one.cleared_ms is None] == expected
+            assert "put aside as statistics.damaged-" in damaged[0].text.en
 
 
 async def test_a_damaged_log_of_alarms_is_an_alarm_until_the_next_start(tmp_path: Path) -> None:

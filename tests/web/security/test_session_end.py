@@ -14,6 +14,7 @@ from httpx import AsyncClient
 from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.audit.description import described
 from drivebus.service.audit.records import SESSION_ENDED
+from drivebus.service.auth.users import UserFile
 from drivebus.service.config.model import OnClientLost
 from drivebus.testing.virtual_time import run
 from fixtures.service import ServiceKit, plant_config, running_service
@@ -119,5 +120,33 @@ def test_a_token_that_loses_one_right_after_the_other_controls_drives_until_it_l
         assert roles == {"operator": True, "viewer": False}
         assert kit.drives_of_events("plant.stopped_client_lost", owner="engineer/t") == ["fan-1"]
         assert [one.who for one in ended_records(kit)] == ["engineer/t"]
+
+    on_a_plant(tmp_path, scenario)
+
+
+DAMAGED_USERS = [b"", b"{ oops", b"[]", b'{"users": [{"name": 5}]}', b"[" * 100_000, b"\xff", None]
+
+
+@pytest.mark.parametrize("damaged", DAMAGED_USERS, ids=lambda data: str(data)[:20])
+def test_a_users_file_that_is_damaged_for_a_while_does_not_end_the_watch_of_sessions(
+    tmp_path: Path, damaged: bytes | None
+) -> None:
+    """Once it is repaired, a user who is no longer in it loses control at once, without any request."""
+
+    async def scenario(kit: ServiceKit, harness: WebAppHarness) -> None:
+        user = await harness.log_in("operator")
+        await start(user, "fan-1")
+        file, plant = harness.auth.user_file, kit.service.plant
+        repaired = file.read().without_user("operator")
+        file.path.unlink()
+        if damaged is not None:
+            file.path.write_bytes(damaged)
+        await asyncio.sleep(3)
+        assert plant.leases.get("fan-1", plant.now()) is not None, "the users of before stay in force"
+        file.path.unlink(missing_ok=True)
+        UserFile(file.path).change(lambda _: repaired)
+        await asyncio.sleep(AT_ONCE_S)
+        assert plant.leases.get("fan-1", plant.now()) is None
+        assert [one.who for one in ended_records(kit)] == ["operator"]
 
     on_a_plant(tmp_path, scenario)

@@ -16,6 +16,7 @@ from drivebus.clock import wall_ms
 from drivebus.service.alarms.model import Alarm
 from drivebus.service.alarms.occurrences import AlarmOccurrences, alarm_number
 from drivebus.service.api.paging import page
+from drivebus.service.api.strict_json import parse_json
 from drivebus.service.storage.append_log import AppendLog
 from drivebus.service.storage.batch_writer import BatchWriter
 from drivebus.types import Json
@@ -148,9 +149,9 @@ def _encode_lines(alarms: Iterable[Alarm]) -> bytes:
 def _decode_line(line: bytes) -> Alarm | None:
     """Return the alarm of a line; None for a torn or damaged one."""
     try:
-        alarm = Alarm.from_json(json.loads(line))
+        alarm = Alarm.from_json(parse_json(line))
         alarm_number(alarm.id)
         alarm_number(alarm.first_id)
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+    except (ValueError, TypeError, KeyError, AttributeError):
         return None
     return alarm

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import FiniteFloat, TypeAdapter, ValidationError
 
 from drivebus.atomic_write import atomic_write_private
 from drivebus.service.auth.users import User
@@ -35,8 +35,8 @@ class SessionRecord:
     stamp: str
     """``User.stamp`` at the login."""
     address: str
-    opened: float
-    active: float
+    opened: FiniteFloat
+    active: FiniteFloat
 
     def fields(self) -> dict[str, Any]:
         """Return the common fields."""

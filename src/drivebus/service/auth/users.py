@@ -197,6 +197,8 @@ class UserFile:
         self.path = path
         self._file_state: tuple[int, int, int] | None = None
         self._database = UserDatabase()
+        self._logged_problem = ""
+        """Why the file can't be read now, as it was logged."""
         self._written = UserDatabase()
         """Database that this program wrote last; another thread may read it before ``change`` returns."""
 
@@ -212,9 +214,12 @@ class UserFile:
         """
         try:
             return self._read_if_changed()
-        except ConfigurationError:
+        except ConfigurationError as error:
             if self._file_state is None:
                 raise
+            if (problem := str(error)) != self._logged_problem:
+                self._logged_problem = problem
+                LOG.error(i18n.preferred_text("log.users_kept", why=error))
             return self._database  # a broken edit or a removed file must not prevent a stop
 
     def _read_if_changed(self) -> UserDatabase:
@@ -231,7 +236,7 @@ class UserFile:
             loaded = self._load()
             if self._file_state is not None and loaded != self._written:
                 _log_changes(self.path, self._database, loaded)
-            self._database, self._file_state = loaded, fingerprint
+            self._database, self._file_state, self._logged_problem = loaded, fingerprint, ""
         return self._database
 
     def change(self, change: Callable[[UserDatabase], UserDatabase]) -> UserDatabase:

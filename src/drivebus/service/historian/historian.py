@@ -150,7 +150,7 @@ class Historian:
         self.queue.put_document(Document(kind, id, data))
 
     async def documents(self, kind: str) -> dict[str, Any]:
-        """Return all durable documents of a kind by id. Raises ServiceUnavailable."""
+        """Return all durable documents of a kind by id; the text of one that is no JSON. Raises ServiceUnavailable."""
         return await self.queries.documents(kind)
 
     async def import_samples(self, samples: Iterable[Sample]) -> None:

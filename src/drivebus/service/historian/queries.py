@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
@@ -13,6 +12,7 @@ from drivebus.errors import InvalidParameters, NotFound, ServiceUnavailable
 from drivebus.service.api.errors import param_fault
 from drivebus.service.api.operations.history import ExportParams, TimeRangeParams, TrendParams
 from drivebus.service.api.paging import decode_cursor, encode_cursor
+from drivebus.service.api.strict_json import MalformedJson, parse_json
 from drivebus.service.historian.export import HistoryExporter
 from drivebus.service.historian.points import (
     RESOLUTIONS,
@@ -101,7 +101,9 @@ class HistoryQueries:
         rows = await self._on_reader_thread(lambda: self._reader.store.events(query))
         newest = rows[: params.limit]
         more = encode_cursor(newest[-1].time_ms, newest[-1].id) if len(rows) > len(newest) else None
-        return {"items": [json.loads(row.data) for row in newest], "next": more}
+        decoded = (_decoded(row.data) for row in newest)
+        items = [event for event in decoded if isinstance(event, dict)]  # a damaged one hides no other
+        return {"items": items, "next": more}
 
     async def export(self, params: ExportParams) -> Json:
         """Answer ``history.export``. Raises NotFound, InvalidParameters, ConfigurationError, ServiceUnavailable."""
@@ -111,15 +113,23 @@ class HistoryQueries:
         return await self._on_reader_thread(lambda: self._exports.next_part(params, tags))
 
     async def documents(self, kind: str) -> dict[str, Any]:
-        """Return all durable documents of a kind by id. Raises ServiceUnavailable."""
+        """Return all durable documents of a kind by id; the text of one that is no JSON. Raises ServiceUnavailable."""
         rows = await self._on_reader_thread(lambda: self._reader.store.documents(kind))
-        return {row.id: json.loads(row.data) for row in rows if row.data is not None}
+        return {row.id: _decoded(row.data) for row in rows if row.data is not None}
 
 
 def check_time_order(from_ms: int, to_ms: int) -> None:
     """Raise InvalidParameters if a time range ends before it begins."""
     if to_ms < from_ms:
         raise InvalidParameters("plant.params", faults=[param_fault("to_ms", to_ms, "in_order", from_ms=from_ms)])
+
+
+def _decoded(text: str) -> Any:
+    """Return a stored JSON document; the text itself where it is damaged."""
+    try:
+        return parse_json(text)
+    except MalformedJson:
+        return text
 
 
 def _tag_json(tag: Tag) -> Json:

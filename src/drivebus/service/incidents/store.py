@@ -19,6 +19,7 @@ from drivebus.capture.dbcap import CaptureError, CaptureHeader, CaptureWriter
 from drivebus.errors import NotFound, ServiceError, ServiceUnavailable, SystemReason
 from drivebus.service.api.errors import localized
 from drivebus.service.api.paging import page
+from drivebus.service.api.strict_json import parse_json
 from drivebus.service.ids import ID_CHARACTERS
 from drivebus.types import Json
 
@@ -163,8 +164,8 @@ def _encode(value: Json) -> bytes:
 def _read_json(path: Path) -> Json | None:
     """Return the object in a file; None if it is missing or damaged."""
     try:
-        document = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError):
+        document = parse_json(path.read_bytes())
+    except (OSError, ValueError):
         return None
     return document if isinstance(document, dict) else None
 
@@ -186,7 +187,7 @@ def _is_summary(stored: Json) -> bool:
 
 def _read_notes(path: Path) -> list[Json]:
     notes = (_read_json(path) or {}).get("notes")
-    return notes if isinstance(notes, list) else []
+    return [note for note in notes if isinstance(note, dict)] if isinstance(notes, list) else []
 
 
 def _write_capture(path: Path, header: CaptureHeader, frames: WireFrames) -> None:

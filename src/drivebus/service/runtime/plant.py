@@ -304,6 +304,13 @@ class Plant:
         """Clear a system alarm; there may be none."""
         self.publish_alarms(self.alarms.clear_alarm(kind, drive, self.wall_ms(), subject=subject))
 
+    def report_damaged(self, subject: str, copy: str) -> None:
+        """Raise the alarm of what was put aside as ``copy`` at this start; clear it where ``copy`` is empty."""
+        if copy:
+            self.raise_alarm(SystemAlarm.FILE_DAMAGED, subject=subject, copy=copy)
+        else:
+            self.clear_alarm(SystemAlarm.FILE_DAMAGED, subject=subject)
+
     def write_failures(self) -> list[str]:
         """Return the files, and the history, that can't be written at present."""
         return sorted(

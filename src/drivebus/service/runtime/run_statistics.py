@@ -7,10 +7,13 @@ has no energy.
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
+from drivebus import i18n
+from drivebus.clock import wall_ms
 from drivebus.drives.state import DriveState
 from drivebus.errors import ServiceUnavailable
 from drivebus.service.historian import Historian
@@ -18,10 +21,12 @@ from drivebus.service.live.views import DriveView, SignalView
 from drivebus.types import Json
 from drivebus.values import Quality
 
+LOG = logging.getLogger("drivebus.service")
 DOCUMENT_KIND = "statistics"
 SAVE_INTERVAL_S = 60.0  # hours and energy that a killed service loses at most; starts and trips are saved at once
 LOAD_RETRY_S = 10.0
 LOAD_TIMEOUT_S = 1.0  # a database that does not answer delays the start of the service by no more
+MAX_COUNT = 2**53  # a stored number beyond it was not counted here
 MAX_OBSERVATION_GAP_S = 5.0
 """The time between two observations counts only up to this."""
 
@@ -50,9 +55,28 @@ class RunStatistics:
 
     @classmethod
     def from_document(cls, stored: Mapping[str, Any]) -> RunStatistics:
-        """Return stored statistics; unknown fields are ignored."""
+        """Return stored statistics; unknown fields are ignored. Raises TypeError, ValueError for anything else."""
         names = {one.name for one in fields(cls)} - {"_observed_at", "_power_kw"}
-        return cls(**{name: value for name, value in stored.items() if name in names})
+        statistics = cls(**{name: value for name, value in {**stored}.items() if name in names})
+        statistics._check_types()
+        return statistics
+
+    def _check_types(self) -> None:
+        """Raise TypeError, ValueError for a field with which the counting would end."""
+        if type(self.faults) is not dict:
+            raise TypeError("faults")
+        numbers = (self.running_s, self.energy_kwh, self.maximum_current_a, self.maximum_temperature_c)
+        are_typed = (
+            all(one is None or type(one) in (int, float) for one in numbers)
+            and all(one is None or type(one) is int for one in (self.since_ms, self.starts, *self.faults.values()))
+            and None not in self.faults.values()
+            and self.turned in (None, True, False)
+            and (self.fault is None or type(self.fault) is str)
+        )
+        if not are_typed:
+            raise TypeError("a field has another type")
+        if not all(one is None or abs(one) <= MAX_COUNT for one in (*numbers, self.since_ms, self.starts)):
+            raise ValueError("a number out of range")
 
     def to_document(self) -> Json:
         return {name: value for name, value in asdict(self).items() if not name.startswith("_")}
@@ -140,6 +164,8 @@ class RunStatisticsStore:
         self._saved_at: dict[str, float] = {}
         self._task: asyncio.Task[None] | None = None
         self.is_loaded = False
+        self.damaged_copy = ""
+        """Kind under which the history keeps documents that could not be read at ``open``; empty if all could be."""
 
     async def open(self) -> None:
         """Load the stored statistics; repeat it while the database does not answer."""
@@ -161,8 +187,18 @@ class RunStatisticsStore:
             except ServiceUnavailable:
                 await asyncio.sleep(LOAD_RETRY_S)
                 continue
-            self._drives = {drive: RunStatistics.from_document(document) for drive, document in stored.items()}
+            for drive, document in stored.items():
+                try:
+                    self._drives[drive] = RunStatistics.from_document(document)
+                except (TypeError, ValueError):
+                    self._put_aside(drive, document)
             self.is_loaded = True
+
+    def _put_aside(self, drive: str, document: Any) -> None:
+        """Keep a document that can't be read under a kind of its own; the drive is counted from now on."""
+        self.damaged_copy = self.damaged_copy or f"{DOCUMENT_KIND}.damaged-{wall_ms()}"
+        self._historian.put_document(self.damaged_copy, drive, document)
+        LOG.error(i18n.preferred_text("log.statistics_damaged", drive=drive, copy=self.damaged_copy))
 
     def on_view(self, view: DriveView, now: float, now_ms: int) -> None:
         """Take in an observation. Nothing is counted, or overwritten, before the stored statistics are known."""

@@ -32,6 +32,7 @@ from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.drive_reports import report_fault, report_motion, report_other_speed, report_presence
 from drivebus.service.runtime.failure_log import failure_logged
 from drivebus.service.runtime.plant import Plant
+from drivebus.service.runtime.run_statistics import DOCUMENT_KIND as RUN_STATISTICS
 from drivebus.service.storage.storage import Storage
 from drivebus.types import Json
 
@@ -151,6 +152,8 @@ class SupervisionCycle:
             else:
                 self._plant.clear_alarm(kind, subject=name)
         self._storage.alarm_log.retry()
+        if self._storage.run_statistics.is_loaded:  # later than at the start where the database did not answer
+            self._plant.report_damaged(RUN_STATISTICS, self._storage.run_statistics.damaged_copy)
 
     def _supervise_bus(self, bus_runtime: BusRuntime) -> None:
         if self._plant.buses.get(bus_runtime.config.id) is bus_runtime:

@@ -12,11 +12,13 @@ from drivebus.values import Text
 class HealthResponse(ApiObject):
     """Answer of the gateway; ``ok`` is false, with status 503, where the service does not answer within 2 s.
 
-    ``write_failures``, as in the state of the plant: what the service can't write at present. Drives are stopped all
-    the same, and started while the audit trail can be written.
+    ``write_failure_count``: number of files that the service can't write at present, the history included. Drives are
+    stopped all the same, and started while the audit trail can be written. ``write_failures``, their names as in the
+    state of the plant, is only in the answer to a credential with the right ``view``.
     """
 
     ok: bool
+    write_failure_count: int = 0
     write_failures: list[str] = []
 
 

@@ -10,18 +10,23 @@ from starlette.responses import JSONResponse, Response
 
 from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations.operation import NoParams
+from drivebus.service.auth.rights import Right
 from drivebus.types import Json
-from drivebus.web.context import actor_of, client_of, context_of
+from drivebus.web.context import actor_of, client_of, context_of, credential_of
 from drivebus.web.metrics import exposition, fetch_scrape_data, metric_points
 from drivebus.web.operations.description import HEALTH_GET, METRICS_GET, OPENAPI_GET
 
 
 @handles(HEALTH_GET)
 async def get_health(request: Request, params: NoParams) -> Response:
+    """Answer whether the service answers. A stranger on the network learns no name of a file."""
     write_failures = await context_of(request).health.write_failures()
     if write_failures is None:
         return JSONResponse({"ok": False}, HTTPStatus.SERVICE_UNAVAILABLE)
-    return JSONResponse({"ok": True, "write_failures": write_failures})
+    answer = {"ok": True, "write_failure_count": len(write_failures)}
+    credential = credential_of(request)
+    may_view = credential is not None and credential.actor.may(Right.VIEW)
+    return JSONResponse(answer | ({"write_failures": write_failures} if may_view else {}))
 
 
 @handles(OPENAPI_GET)
