@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from textual.widgets._footer import FooterKey
 
 from drivebus import i18n, ports, profiles
 from drivebus.bus import Bus
@@ -334,6 +335,18 @@ async def test_keys_command_the_selected_drive_and_q_ends() -> None:
         ("stop_all",),
     ]
     assert source.closed
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+async def test_a_narrow_terminal_shows_the_keys_that_stop_and_end(language: str) -> None:
+    """At 40 cells the stop of all drives and the end stood beyond the edge."""
+    output.parse_global_options(["--lang", language])
+    screen = MonitorApp(FakeRowSource(), RecordedCommands())
+    async with screen.run_test(size=(40, 24)) as pilot:
+        await pilot.pause(0.4)
+        visible = {key.action for key in screen.query(FooterKey) if key.region.right <= 40}
+        assert {"stop", "stop_all", "quit"} <= visible
+    output.parse_global_options(["--lang", "en"])
 
 
 async def test_a_monitor_has_no_command_keys() -> None:

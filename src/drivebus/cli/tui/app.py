@@ -44,12 +44,15 @@ class MonitorApp(App[int]):
         self._bind_keys()
 
     def _bind_keys(self) -> None:
-        """Bind the keys, described in the user's language."""
-        keys = {"r": "run", "s": "stop", "plus": "faster", "minus": "slower", "x": "reset", "space": "stop_all"}
-        for key, action in keys.items() if self._commands else ():
+        """Bind the keys, described in the user's language; a narrow terminal shows the first ones."""
+        stops, others = (
+            {"s": "stop", "space": "stop_all"},
+            {"r": "run", "plus": "faster", "minus": "slower", "x": "reset"},
+        )
+        keys = {**stops, "q": "quit", **others} if self._commands else {"q": "quit"}
+        for key, action in keys.items():
             shown = {"plus": "+", "minus": "-"}.get(key)
             self.bind(key, action, description=output.text(f"live.key.{action}"), key_display=shown)
-        self.bind("q", "quit", description=output.text("live.key.quit"))
 
     def compose(self) -> ComposeResult:
         yield Static(self._source.title, id="title", markup=False)
