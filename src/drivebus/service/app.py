@@ -10,6 +10,7 @@ from types import TracebackType
 
 from drivebus.bus import timer as timers
 from drivebus.clock import wall_ms
+from drivebus.errors import Superseded
 from drivebus.service.alarms import AlarmEngine, SystemAlarm
 from drivebus.service.alarms.log import ALARM_LOG_FILE
 from drivebus.service.alarms.service import AlarmService
@@ -33,6 +34,7 @@ from drivebus.service.interlocks.engine import InterlockEngine
 from drivebus.service.live.hub import Hub
 from drivebus.service.live.publisher import LivePublisher
 from drivebus.service.process.systemd import SystemdNotifier
+from drivebus.service.runtime.failure_log import failure_logged
 from drivebus.service.runtime.fairness import encode_json_cooperatively
 from drivebus.service.runtime.plant import Plant
 from drivebus.service.runtime.reload import ConfigReload
@@ -165,6 +167,9 @@ class Service:
             return {}
         self.plant.state = "stopping"
         self.reload.close()
+        for runtime in self.plant.drives.values():
+            with failure_logged():
+                runtime.withdraw_commands(Superseded("plant.stopping"))
         outcomes = await self.stops.stop_started_drives(SERVICE_ACTOR)
         if self._supervision_task is not None:
             self._supervision_task.cancel()

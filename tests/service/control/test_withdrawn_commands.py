@@ -12,7 +12,7 @@ from drivebus.drives.state import DriveState
 from drivebus.errors import ArmRequired, Superseded
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.auth.rights import Role
-from drivebus.service.config.model import OnClientLost
+from drivebus.service.config.model import OnClientLost, OnServiceStop
 from drivebus.service.control.leases import LEASE_TTL_S
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
@@ -243,5 +243,29 @@ def test_a_group_start_whose_control_was_released_does_not_wait_for_the_turns_of
             async with asyncio.timeout(1):
                 outcomes = (await starting)["outcomes"]
             assert (outcomes["fan-1"]["status"], outcomes["fan-2"]["code"]) == ("confirmed", "plant.lease_gone")
+
+    run(scenario())
+
+
+def test_a_start_that_has_not_left_when_the_service_ends_is_not_sent_to_a_drive_that_it_would_leave_running() -> None:
+    """It was said to be running on, and started where the stop of another drive took its time."""
+
+    async def scenario() -> None:
+        policies = {"fan-1": OnServiceStop.HOLD, "fan-2": OnServiceStop.STOP}
+        drives = tuple(replace(drive, on_service_stop=policies.get(drive.id, OnServiceStop.STOP)) for drive in DRIVES)
+        async with running_service(plant_config(drives=drives)) as kit:
+            await asyncio.sleep(2)
+            await kit.grant_waivers()
+            await kit.call("drive.run", drive="fan-2", frequency_hz=20.0)
+            starting = await kit.begin(ANN, "drive.run", "fan-1", 20.0)
+            await asyncio.sleep(0.05)
+            motor = kit.station("fan-1").motor
+            assert not starting.done() and motor.starts == 0
+            await kit.service.stop()
+            with pytest.raises(Superseded) as withdrawn:
+                await starting
+            assert (withdrawn.value.key, withdrawn.value.may_be_running) == ("plant.stopping", False)
+            assert motor.starts == 0
+            assert [event["drive"] for event in kit.history.events if event["kind"] == "not_stopped"] == []
 
     run(scenario())

@@ -99,12 +99,12 @@ class DriveRuntime:
         """Monotonic time since which it has reported a fault without a code."""
         self._last_sampled: dict[str, float | None] = {}
 
-    def withdraw_commands(self) -> None:
-        """Send nothing more of the commands of a session that has lost control.
+    def withdraw_commands(self, why: Superseded) -> None:
+        """Send nothing more of the commands under way, see ``Drive.withdraw_commands``.
 
         A start of which no frame that moves was sent no longer counts as one by this service.
         """
-        self.drive.withdraw_commands(Superseded("plant.control_ended_meanwhile", drive=self.id))
+        self.drive.withdraw_commands(why)
         if self._starts_under_way and self.bus.motions_sent(self.drive.address) == self._motions_sent_before:
             self.started_by_service = self._started_before
 

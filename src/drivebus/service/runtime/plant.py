@@ -12,7 +12,7 @@ from drivebus.drives.context import DriveLimits
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import DriveStatus
 from drivebus.drives.store import Store
-from drivebus.errors import NotFound, ServiceError
+from drivebus.errors import NotFound, ServiceError, Superseded
 from drivebus.service.alarms import AlarmChange, AlarmEngine, SystemAlarm
 from drivebus.service.alarms.model import WRITE_FAILURE_ALARMS
 from drivebus.service.api.errors import localized
@@ -350,7 +350,7 @@ class Plant:
         self.revoke_arm_tokens(drive)
         if drive in self.drives:
             with failure_logged():
-                self.drives[drive].withdraw_commands()
+                self.drives[drive].withdraw_commands(Superseded("plant.control_ended_meanwhile", drive=drive))
 
     # --- what outlives the process ------------------------------------------------------------------------------
 
