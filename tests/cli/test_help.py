@@ -7,16 +7,18 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import click
 import pytest
 from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
+from drivebus import i18n, profiles
 from drivebus.cli.click_ext import CliCommand, LazyGroup
 from drivebus.cli.main import cli
 from drivebus.cli.output import width
+from drivebus.profiles import DriveProfile
 
 
 def commands(group: LazyGroup = cli, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], click.Command]]:
@@ -206,3 +208,30 @@ def test_no_option_type_of_click_can_reject_a_value() -> None:
 
 def _accepts_every_path(one: object) -> bool:
     return isinstance(one, click.Path) and one.file_okay and one.dir_okay and not one.exists
+
+
+def _has_loopback(profile: DriveProfile) -> bool:
+    return profile.modbus is not None and profile.modbus.loopback
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize(
+    ("key", "has_it"),
+    [
+        ("help.pause.long", lambda profile: "pause" in profile.capabilities),
+        ("help.hold-ramp.long", lambda profile: "hold_ramp" in profile.capabilities),
+        ("help.loopback.long", _has_loopback),
+        ("help.option.stop_quick", lambda profile: "quick_stop" in profile.capabilities),
+        ("help.stop.long", lambda profile: "status" not in profile.capabilities),
+    ],
+)
+def test_the_models_that_a_help_names_are_all_that_have_it_or_called_examples(
+    key: str, has_it: Callable[[DriveProfile], bool], language: str
+) -> None:
+    """The loop-back test of six models and the quick stop of 23 read as those of one and of two."""
+    having = {name for name in profiles.models() if has_it(profiles.load(name))}
+    sentence = i18n.text(key, language)
+    named = {word.lower() for word in re.findall(r"(?<![A-Za-z0-9])[A-Z]+[0-9]{2,4}(?![A-Za-z0-9])", sentence)}
+    named &= set(profiles.models())
+    assert named and named <= having
+    assert named == having or re.search("such as|例如", sentence)
