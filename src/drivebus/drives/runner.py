@@ -40,7 +40,7 @@ from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContex
 from drivebus.drives.operations.steps import BusConditions, DriveOperation, GetBusConditions, Step, UpdateStore, Wait
 from drivebus.drives.shared_transactions import SharedTransactions
 from drivebus.drives.store import Store
-from drivebus.errors import DrivebusError, Expired
+from drivebus.errors import DrivebusError, Expired, NotPermitted
 
 T = TypeVar("T")
 
@@ -163,8 +163,11 @@ async def _perform(
 
 
 def bus_conditions(bus: Bus, address: int) -> BusConditions:
-    """Return what the bus knows of a station now."""
-    health = bus.health(address)
+    """Return what the bus knows of a station now. Raises NotPermitted for one that was removed from the bus."""
+    try:
+        health = bus.health(address)
+    except KeyError:
+        raise NotPermitted("bus.unregistered", station=address) from None
     return BusConditions(
         now=bus.now(),
         day=clock.wall_clock().date().isoformat(),

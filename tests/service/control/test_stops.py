@@ -39,6 +39,7 @@ from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
 from drivebus.values import Text
+from fixtures.drives import SimulatedDrives
 from fixtures.service import BUSES, DRIVES, LOCAL, ServiceKit, plant_config, remote_actor, running_service
 
 
@@ -575,6 +576,63 @@ def test_a_stopping_service_stops_a_drive_whose_ramp_it_holds(by_service: bool) 
                 await holding
 
     run(scenario())
+
+
+@pytest.mark.parametrize("by_service", [True, False], ids=["started by the service", "started at the keypad"])
+@pytest.mark.parametrize("lost", [False, True], ids=["answered", "its first frame lost"])
+def test_a_service_that_ends_during_the_stop_of_a_drive_that_it_holds_waits_for_that_stop(
+    lost: bool, by_service: bool
+) -> None:
+    """It closed the bus: a stop whose frame was lost was not repeated, and its request ended with an internal error."""
+
+    async def scenario() -> None:
+        drives = tuple(replace(drive, on_service_stop=OnServiceStop.HOLD) for drive in DRIVES)
+        async with running_service(plant_config(drives=drives)) as kit:
+            await ready(kit, *(["fan-1"] if by_service else []))
+            station = kit.station("fan-1")
+            if not by_service:
+                station.motor.run(20.0)
+                await asyncio.sleep(2)
+            station.faults.silent = lost
+            asyncio.get_running_loop().call_later(0.2, setattr, station.faults, "silent", False)
+            stop = asyncio.create_task(kit.call("drive.stop", remote_actor("bob"), drive="fan-1"))
+            await asyncio.sleep(0.01)
+            assert await kit.service.stop() == {}
+            assert (await stop)["outcome"]["status"] == "confirmed"
+            assert station.motor.phase is OutputPhase.OFF
+            assert kit.drives_of_events("plant.held") == kit.drives_of_events("plant.left_running") == []
+
+    run(scenario())
+
+
+def test_a_stop_that_is_not_confirmed_when_the_service_has_ended_is_reported_as_unknown() -> None:
+    """It was said that the drive keeps its state."""
+
+    async def scenario() -> None:
+        drives = tuple(replace(drive, on_service_stop=OnServiceStop.HOLD) for drive in DRIVES)
+        buses = (BUSES[0], replace(BUSES[1], port="sim://vc660@1,2?ramp=20"))
+        async with running_service(plant_config(drives=drives, buses=buses)) as kit:
+            await ready(kit, "pump-1")
+            await asyncio.sleep(10)
+            stop = asyncio.create_task(kit.call("drive.stop", drive="pump-1"))
+            await asyncio.sleep(0.1)
+            assert await kit.service.stop() == {"pump-1": None}
+            assert kit.drives_of_events("plant.held") == []
+            with pytest.raises(DrivebusError):
+                await stop
+
+    run(scenario())
+
+
+async def test_a_stop_that_is_under_way_when_its_drive_leaves_the_bus_ends_without_an_internal_error() -> None:
+    async with SimulatedDrives("c320") as bench:
+        drive = Drive(bench.bus, "c320", 1)
+        stop = asyncio.create_task(drive.stop())
+        await asyncio.sleep(0.005)
+        assert drive.stopping
+        drive.close()
+        with pytest.raises(DrivebusError):
+            await stop
 
 
 @pytest.mark.parametrize(("after_s", "known"), [(0.0, False), (0.2, False), (0.6, True)])

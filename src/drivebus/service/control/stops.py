@@ -106,8 +106,10 @@ class StopCommands:
     async def stop_started_drives(self, actor: Actor) -> Json:
         """Stop what this service started or adopted, unless the drive's ``on_service_stop`` is ``hold``.
 
-        A drive that has not been read yet is stopped as soon as its first read shows it running. Return the outcome of
-        each stop, None where it was not known within the timeout; any other drive that may be running becomes an event.
+
+        A drive that has not been read yet is stopped as soon as its first read shows it running, and a stop that is
+        under way is waited for. Return the outcome of each stop of the service, and None for each stop that is not
+        confirmed within the timeout; any other drive that may be running becomes an event.
         """
         plant = self.plant
         timeout_at = plant.now() + SERVICE_STOP_TIMEOUT_S
@@ -117,13 +119,18 @@ class StopCommands:
             started = [runtime for runtime in others if _stops_with_service(runtime)]
             plant.record_stop_request(*started, by=actor.name, kind="service")
             stops |= {runtime: asyncio.create_task(self._stop_one(runtime, actor, len(started))) for runtime in started}
-            if all(task.done() for task in stops.values()) and not any(other.awaits_first_read for other in others):
+            awaited = any(other.awaits_first_read or other.drive.stopping for other in others)
+            if all(task.done() for task in stops.values()) and not awaited:
                 break
             await asyncio.sleep(SERVICE_STOP_CHECK_S)
-        for runtime in plant.drives.values():
-            if runtime not in stops and (key := _left_running(runtime)):
-                plant.publish_event("not_stopped", runtime.id, key, actor=actor.name)
         outcomes = {runtime.id: task.result() if task.done() else None for runtime, task in stops.items()}
+        for runtime in plant.drives.values():
+            if runtime in stops:
+                continue
+            if runtime.drive.stopping:
+                outcomes[runtime.id] = None
+            elif key := _left_running(runtime):
+                plant.publish_event("not_stopped", runtime.id, key, actor=actor.name)
         for task in stops.values():  # the stops have been sent; their confirmation is not waited for
             task.cancel()
         await asyncio.gather(*stops.values(), return_exceptions=True)
