@@ -606,7 +606,7 @@ def test_a_service_that_ends_during_the_stop_of_a_drive_that_it_holds_waits_for_
 
 
 def test_a_stop_that_is_not_confirmed_when_the_service_has_ended_is_reported_as_unknown() -> None:
-    """It was said that the drive keeps its state."""
+    """An event named it as kept in its state."""
 
     async def scenario() -> None:
         drives = tuple(replace(drive, on_service_stop=OnServiceStop.HOLD) for drive in DRIVES)

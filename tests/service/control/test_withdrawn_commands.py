@@ -248,7 +248,7 @@ def test_a_group_start_whose_control_was_released_does_not_wait_for_the_turns_of
 
 
 def test_a_start_that_has_not_left_when_the_service_ends_is_not_sent_to_a_drive_that_it_would_leave_running() -> None:
-    """An event said that it runs on, and it started where the stop of another drive took longer."""
+    """An event named it as running, and it started where the stop of another drive took longer."""
 
     async def scenario() -> None:
         policies = {"fan-1": OnServiceStop.HOLD, "fan-2": OnServiceStop.STOP}
