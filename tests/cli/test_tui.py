@@ -189,7 +189,7 @@ def test_a_fault_is_shown_once_and_also_without_a_label_on_the_keypad(
     assert FakeRowSource().drives()[0].to_json(100.0)["fault"] is None
 
 
-@pytest.mark.parametrize("cells", [60, 70, 80, 120])
+@pytest.mark.parametrize("cells", [*range(40, 60), 60, 70, 80, 120])
 def test_the_columns_fit_the_terminal(cells: int) -> None:
     assert sum(drive_columns(cells).values()) <= cells
     assert sum(bus_columns(cells).values()) <= cells
@@ -199,6 +199,10 @@ def test_a_narrow_terminal_hides_the_least_important_columns() -> None:
     assert set(drive_columns(80)) == {"name", "state", "direction", *COLUMN_SIGNALS, "fault", "age"}
     assert {"state", "output_frequency", "fault", "age"} <= set(drive_columns(60))
     assert "output_voltage" not in drive_columns(72)
+    assert {"name", "state", "output_frequency", "age"} <= set(drive_columns(40)), (
+        "an age beyond the edge hides old values"
+    )
+    assert {"bus", "link", "errors"} <= set(bus_columns(40))
 
 
 async def test_a_terminal_that_becomes_narrow_keeps_the_selected_drive_and_the_age_visible() -> None:

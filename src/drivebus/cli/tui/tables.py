@@ -41,23 +41,28 @@ _STATE_STYLE = {
 def drive_columns(cells: int) -> dict[str, int]:
     """Return the column widths of the drive table on a terminal of ``cells``; the fault takes the rest.
 
-    A narrow terminal hides voltage, then DC bus voltage, then current.
+    A narrow terminal hides voltage, then DC bus voltage, current, set frequency, direction, and last the fault: it is
+    a state too.
     """
     columns, free = dict(DRIVE_COLUMNS), cells - AGE_CELLS
-    for name in ("output_voltage", "dc_bus_voltage", "output_current"):
+    for name in ("output_voltage", "dc_bus_voltage", "output_current", "set_frequency", "direction"):
         if sum(columns.values()) + MIN_FAULT_CELLS > free:
             del columns[name]
-    return columns | {"fault": max(MIN_FAULT_CELLS, free - sum(columns.values()) - 1), "age": AGE_CELLS}
+    rest = free - sum(columns.values())
+    return columns | ({"fault": max(MIN_FAULT_CELLS, rest - 1)} if rest >= MIN_FAULT_CELLS else {}) | {"age": AGE_CELLS}
 
 
 def bus_columns(cells: int) -> dict[str, int]:
     """Return the column widths of the bus table; the error counters take the rest.
 
-    A narrow terminal shows the load without its bar.
+    A narrow terminal shows the load without its bar, then hides rate, settings and load.
     """
     columns = dict(BUS_COLUMNS)
     if sum(columns.values()) + MIN_ERROR_CELLS >= cells:
         columns["load"] = LOAD_CELLS
+    for name in ("rate", "settings", "load"):
+        if sum(columns.values()) + MIN_ERROR_CELLS > cells:
+            del columns[name]
     return columns | {"errors": max(MIN_ERROR_CELLS, cells - sum(columns.values()) - 1)}
 
 
@@ -66,7 +71,7 @@ def drive_cells(row: DriveRow, now: float, columns: Mapping[str, int]) -> list[T
     age = row.age_s(now)
     fresh = row.presence == "online" and age is not None and age <= STALE_AGE_S
     style = "" if fresh else "dim"
-    fits_text = columns["fault"] >= FAULT_TEXT_MIN_CELLS or not row.fault_label
+    fits_text = columns.get("fault", 0) >= FAULT_TEXT_MIN_CELLS or not row.fault_label
     fault = row.fault_cell() if fits_text else row.fault_label
     shown = {
         "name": (row.name_text(), "bold"),
@@ -82,14 +87,15 @@ def bus_cells(row: BusRow, columns: Mapping[str, int]) -> list[Text]:
     """Return the cells of one bus in these columns."""
     errors = row.errors_text(columns["errors"] - 1)
     rate = "–" if row.transactions_per_s is None else f"{row.transactions_per_s:.1f} "
-    return [
-        _cell(_keep_end(row.name, columns["bus"] - 1), "bus", "bold"),
-        _cell(row.settings, "settings"),
-        _cell(output.text("live.link.up" if row.up else "live.link.lost"), "link", "" if row.up else "bold red"),
-        _cell(load_bar(row.load, bar=columns["load"] > LOAD_CELLS), "load"),
-        _cell(rate, "rate"),
-        _cell(f" {errors}", "errors", "yellow" if any(row.errors.values()) else "dim"),
-    ]
+    shown = {
+        "bus": (_keep_end(row.name, columns["bus"] - 1), "bold"),
+        "settings": (row.settings, ""),
+        "link": (output.text("live.link.up" if row.up else "live.link.lost"), "" if row.up else "bold red"),
+        "load": (load_bar(row.load, bar=columns.get("load", 0) > LOAD_CELLS), ""),
+        "rate": (rate, ""),
+        "errors": (f" {errors}", "yellow" if any(row.errors.values()) else "dim"),
+    }
+    return [_cell(shown[name][0], name, shown[name][1]) for name in columns]
 
 
 def _keep_end(text: str, cells: int) -> str:
