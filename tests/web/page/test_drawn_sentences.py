@@ -550,6 +550,15 @@ def test_the_limits_say_that_a_drive_runs_above_them(draw: Draw, fan: Any, above
     assert (i18n.text("page.limits_above", "en", frequency_hz=40.5) in text) == (above_hz is not None)
 
 
+@pytest.mark.parametrize(("cap_hz", "is_capped"), [(0.5, True), (45.0, False), (None, False)])
+def test_the_limits_name_the_cap_of_a_setpoint_that_is_not_calibrated_and_what_ends_it(
+    draw: Draw, fan: Any, cap_hz: float | None, is_capped: bool
+) -> None:
+    """Regression: *Allowed: 0 to 400 Hz* stood beside a drive that accepts 0.5 Hz."""
+    text = draw("drive/limits", "Limits", {"view": fan | {"maximum_hz": 45.0, "setpoint_cap_hz": cap_hz}})
+    assert (i18n.text("page.limits_capped", "en", maximum_hz=0.5) in text) == is_capped
+
+
 def test_limits_of_a_service_that_reports_no_excess_name_none(draw: Draw, fan: Any) -> None:
     """Regression: "The drive runs at undefined Hz", from a service that ran on while its files were upgraded."""
     view = {name: value for name, value in fan.items() if name != "above_limit_hz"}

@@ -5,6 +5,7 @@ import { api, drivePath } from "../api.js";
 import { numberOf } from "../format.js";
 import { isLive } from "../live.js";
 import { may } from "../session.js";
+import { highestHz } from "../control/frequency.js";
 import { Button, Dialog, Field, FormEnd, useRequest } from "../ui.js";
 
 /** Warning that the drive runs, or was set, above its limit, or nothing. A service that was not restarted since its upgrade
@@ -18,7 +19,9 @@ export function Limits({ view }) {
   const [open, setOpen] = useState(false);
   const [only, ...more] = view.directions;
   return html`<div class="row"><span>${t("page.limits_now", view)}${view.capabilities.includes("reverse")
-    && more.length === 0 && t("page.limits_only", { way: t(`drives.direction_${only}`) })}</span><${AboveLimit} view=${view} />
+    && more.length === 0 && t("page.limits_only", { way: t(`drives.direction_${only}`) })}</span>
+    ${highestHz(view) < view.maximum_hz && html`<span data-text="capped">${t("page.limits_capped", { maximum_hz: highestHz(view) })}</span>`}
+    <${AboveLimit} view=${view} />
     ${may("limit") && html`<${Button} kind="quiet" disabled=${!isLive.value} onClick=${() => setOpen(true)}>
       ${t("page.limits_change")}…<//>`}
     ${open && html`<${LimitsForm} view=${view} onClose=${() => setOpen(false)} />`}</div>`;
