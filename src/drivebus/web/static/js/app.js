@@ -11,7 +11,7 @@ import { startLeaseRenewal } from "./control/leases.js";
 import { keepFocus } from "./focus.js";
 import { loadHistoryTags } from "./history-tags.js";
 import { go, href, route } from "./router.js";
-import { topic } from "./store.js";
+import { drive, topic } from "./store.js";
 import { watchTakeovers } from "./control/takeovers.js";
 import { Shell } from "./shell.js";
 import { ErrorNote, Loading, Notice } from "./ui.js";
@@ -86,13 +86,21 @@ function loadSignalNames() {
 
 effect(() => { if (loggedIn.value) startError.value = null; });
 
+/** Name of a page for the tab of the browser: of a drive its title; null where there is no such page. */
+function nameOfPage({ page, id }) {
+  const view = page === "drive" ? drive(id).value : null;
+  if (view) return titleOf(view);
+  const key = page === "models" ? "page.models" : `page.nav_${page}`;
+  return hasKey(key) ? t(key) : null;
+}
+
 effect(() => {
   const plant = topic("plant").value;
   const name = plant ? titleOf(plant) : "drivebus";
-  const titleKey = `page.nav_${route.value.page}`;
   const waiting = loggedIn.value ? unacknowledged(openAlarms()).length : 0;
   const count = waiting > 0 ? `(${waiting}) ` : "";
-  document.title = count + (language.value && loggedIn.value && hasKey(titleKey) ? `${t(titleKey)} · ${name}` : name);
+  const page = loggedIn.value ? nameOfPage(route.value) : null;
+  document.title = count + (page ? `${page} · ${name}` : name);
 });
 
 // The first page, the texts and the session are requested at the same time.

@@ -1,4 +1,4 @@
-"""Addresses of a drive, a group or a bus that the plant does not have."""
+"""Addresses of the page: names that the plant does not have, and the title of the browser's tab."""
 
 from __future__ import annotations
 
@@ -67,3 +67,21 @@ def test_no_frame_of_a_page_that_opens_says_that_the_plant_lacks_its_drive(stage
     wait_until_live(page)
     page.locator(".drivehead").wait_for()
     assert page.evaluate("window.warnings") == []
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_tab_of_the_browser_names_the_drive_or_the_page(visit: Any, language: str) -> None:
+    """Regression: the tabs of two drives had the same title, and that of the models only the plant's name."""
+    expect, plant = expecting(), {"en": "Boiler house", "zh": "锅炉房"}[language]
+    page = visit("#/drive/fan-1", language=language)
+    names = {
+        "#/drive/fan-1": {"en": "Supply fan", "zh": "送风机"}[language],
+        "#/drive/fan-9": i18n.text("page.nav_drive", language),
+        "#/models": i18n.text("page.models", language),
+        "#/alarms": i18n.text("page.nav_alarms", language),
+    }
+    for way, name in names.items():
+        page.evaluate("(way) => { location.hash = way; }", way)
+        expect(page).to_have_title(f"{name} · {plant}")
+    page.evaluate("location.hash = '#/no-such-page'")
+    expect(page).to_have_title(plant)
