@@ -30,7 +30,7 @@ def bare_core(transactions: int) -> float:
     core, codec, line = BusCore(SerialSettings(19_200), echo="off"), ModbusRtuCodec(), SerialSettings(19_200)
     replies = {}
     for address in range(1, STATIONS + 1):
-        core.add_station(station_config(address, codec, 0.002))
+        core.registry.add(station_config(address, codec, 0.002))
         replies[address] = codec.encode_reply(RegisterValues(address, 3, (address << 8,) * 4))
     done, now, pending = 0, 0.0, core.on_port_open(0.0)
     for address in range(1, STATIONS + 1):

@@ -104,7 +104,7 @@ def test_a_stop_whose_caller_is_cancelled_is_still_sent() -> None:
 
 def test_a_stop_whose_caller_is_cancelled_is_still_repeated_without_a_reply() -> None:
     core = BusCore(SETTINGS, echo="off")
-    core.add_station(station_config())
+    core.registry.add(station_config())
     book = BusScript(core, lambda frame, at: [(at + 0.01, reply)] if (reply := station.reply_to(frame, at)) else [])
     station = FakeStation()
     book.submit(read_request(), "first")
@@ -164,7 +164,7 @@ def test_a_start_is_never_repeated_even_if_its_permit_calls_it_idempotent() -> N
     """A motion frame is sent once, whatever retry policy its permit has."""
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off")
-    core.add_station(station_config())
+    core.registry.add(station_config())
     script = BusScript(core, mute_for_writes(station))
     script.submit(read_request(), "read")
     script.result("read")
@@ -179,7 +179,7 @@ def test_a_permit_expires_at_its_time_whatever_the_request_contains(late_s: floa
     """The expiry of the permit applies although the request has none."""
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off")
-    core.add_station(station_config())
+    core.registry.add(station_config())
     script = BusScript(core, wire_of(station))
     script.submit(read_request(), "read")
     script.result("read")
@@ -192,7 +192,7 @@ def test_a_permit_expires_at_its_time_whatever_the_request_contains(late_s: floa
 def test_a_permit_that_expires_while_its_frame_waits_is_invalid() -> None:
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off")
-    core.add_station(station_config())
+    core.registry.add(station_config())
     script = BusScript(core, wire_of(station))
     script.submit(read_request(), "read")
     script.result("read")
@@ -207,7 +207,7 @@ def test_a_permit_that_expires_while_its_frame_waits_is_invalid() -> None:
 def test_a_stop_never_expires_even_with_an_expiry_set() -> None:
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off")
-    core.add_station(station_config())
+    core.registry.add(station_config())
     script = BusScript(core, wire_of(station), start=10.0)
     script.submit(replace(stop_request(), expires_at=1.0), "stop")
     assert script.result("stop").sent
@@ -315,7 +315,7 @@ def test_after_a_replug_every_station_must_answer_a_sync_probe_before_its_data_c
     """A serial server may still have the reply to an earlier request."""
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off")
-    core.add_station(station_config())
+    core.registry.add(station_config())
     script = BusScript(core, wire_of(station))
     script.submit(read_request(), "read")
     script.result("read")
@@ -333,7 +333,7 @@ def test_a_command_in_the_gap_after_a_reply_does_not_shorten_the_gap() -> None:
     """A reply is accepted after the complete gap; a byte within the gap invalidates it."""
     station = FakeStation(registers={0x3000: 7})
     core = BusCore(SETTINGS, echo="off")
-    core.add_station(station_config())
+    core.registry.add(station_config())
     script = BusScript(core, wire_of(station))
     script.submit(read_request(), "first")
     script.result("first")
@@ -356,7 +356,7 @@ def test_a_batch_that_ends_where_a_short_error_would_end_is_no_error() -> None:
     register, value = error_reply[3], error_reply[4] << 8
     assert len(error_reply) == 5
     core = BusCore(SETTINGS, echo="off")
-    core.add_station(station_config(codec=codec))
+    core.registry.add(station_config(codec=codec))
     script = BusScript(core, wire_of(FakeStation()))
     script.submit(read_request(), "read")
     script.result("read")
@@ -373,7 +373,7 @@ def make_online_script(*stations: FakeStation, **options: Any) -> BusScript:
     core = BusCore(SETTINGS, **({"echo": "off"} | options))
     script = BusScript(core, wire_of(*stations))
     for station in stations:
-        core.add_station(station_config(station.address))
+        core.registry.add(station_config(station.address))
         script.submit(read_request(station.address), station.address)
         script.result(station.address)
     return script
@@ -462,7 +462,7 @@ def test_a_reply_behind_early_bytes_does_not_show_that_there_is_no_echo() -> Non
     """On a port with line timing the echo is early and dropped, so the rest does not rule an echo out."""
     station = FakeStation()
     core = BusCore(SETTINGS, echo="off", has_line_timing=True)
-    core.add_station(station_config())
+    core.registry.add(station_config())
     inner = wire_of(station)
 
     def echoing(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:

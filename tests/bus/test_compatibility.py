@@ -58,9 +58,9 @@ def dzb100(address: int = 6) -> StationConfig:
 
 def test_a_second_family_is_rejected_by_default() -> None:
     bus = BusCore(SETTINGS)
-    bus.add_station(station_config(1))
+    bus.registry.add(station_config(1))
     with pytest.raises(ConfigurationError) as caught:
-        bus.add_station(c320())
+        bus.registry.add(c320())
     assert caught.value.key == "bus.mixed"
     assert caught.value.params["found"] == "sunfar/ascii"
     assert list(bus.stations) == [1]
@@ -69,7 +69,7 @@ def test_a_second_family_is_rejected_by_default() -> None:
 def test_families_whose_frames_can_not_be_confused_may_be_mixed_on_purpose() -> None:
     bus = BusCore(SETTINGS, allow_mixed=True)
     for config in (station_config(1), c320(), dzb100()):
-        bus.add_station(config)
+        bus.registry.add(config)
     assert sorted(bus.stations) == [1, 5, 6]
 
 
@@ -78,17 +78,17 @@ def test_a_frame_that_contains_the_others_request_is_rejected_at_every_offset(or
     bus = BusCore(SETTINGS, allow_mixed=True)
     strange = replace(station_config(9), codec=Anything(), effect_of=lambda frame: Effect.NONE)
     pair = (c320(), strange)
-    bus.add_station(pair[order])
+    bus.registry.add(pair[order])
     with pytest.raises(ConfigurationError) as caught:
-        bus.add_station(pair[1 - order])
+        bus.registry.add(pair[1 - order])
     assert caught.value.key == "bus.mixed_frame"
     assert caught.value.params["address"] == 5 and caught.value.params["other"] == 9
 
 
 def test_two_models_of_one_family_share_a_bus() -> None:
     bus = BusCore(SETTINGS)
-    bus.add_station(station_config(1))
-    bus.add_station(replace(station_config(2), effect_of=effect))
+    bus.registry.add(station_config(1))
+    bus.registry.add(replace(station_config(2), effect_of=effect))
     assert len(bus.stations) == 2
 
 
@@ -100,7 +100,7 @@ def test_a_request_of_one_family_to_the_address_of_a_suspect_station_of_another_
     core = BusCore(SETTINGS, allow_mixed=True)
     configs = [station_config(1), station_config(2), c320(), dzb100()]
     for config in configs:
-        core.add_station(config)
+        core.registry.add(config)
     core.scheduler.mark_suspect(core.stations[1], 0.0)
     script = BusScript(core)
     core.tracing = True

@@ -251,7 +251,7 @@ def test_the_echo_of_a_c320_parameter_write_acknowledges_nothing() -> None:
         sync_request=lambda n: sunfar.SunfarReadParameter(1, 1 + n % 9, 0),
     )
     bus = BusCore(SerialSettings(9600, parity="E"), has_line_timing=False, echo="off")
-    bus.add_station(link)
+    bus.registry.add(link)
     script = BusScript(bus, echoing(wire_to(), 0.004))
     for number in range(5):
         permit = Permit(station=1, effect=Effect.SETTING, retry_policy=RetryPolicy.EEPROM, expires_at=1e9, stop_epoch=0)

@@ -187,7 +187,7 @@ def test_no_reply_to_another_master_is_awaited_for_longer_than_half_the_time_of_
 def test_the_wait_for_another_masters_reply_holds_in_every_family(model: str) -> None:
     dialect = create_dialect(profiles.load(model), 1)
     core = BusCore(SETTINGS, echo="off")
-    core.add_station(dialect.station_config)
+    core.registry.add(dialect.station_config)
     script = BusScript(core)
     script.receive(dialect.codec.encode_request(dialect.echo_test_read()), at=1.0)
     silent_at = 1.0 + core.stations[1].gap_s

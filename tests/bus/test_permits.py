@@ -153,7 +153,7 @@ def test_a_start_that_waits_behind_a_quarantine_expires_in_time() -> None:
 def test_while_inhibited_nothing_moves_and_settings_pass() -> None:
     station = FakeStation()
     script = make_script(station)
-    script.core.set_start_inhibit([1], inhibited=True)
+    script.core.registry.set_start_inhibit([1], inhibited=True)
     script.submit(start_request(script.core), "start")
     error = script.result("start").error
     assert isinstance(error, NotPermitted) and error.key == "bus.start_inhibited"
@@ -161,7 +161,7 @@ def test_while_inhibited_nothing_moves_and_settings_pass() -> None:
     script.result("read")
     script.submit(write_request(script.core), "setpoint")
     assert script.result("setpoint").error is None
-    script.core.set_start_inhibit(None, inhibited=False)
+    script.core.registry.set_start_inhibit(None, inhibited=False)
     script.submit(start_request(script.core), "again")
     assert script.result("again").error is None and station.start_count == 1
 
@@ -172,7 +172,7 @@ def test_the_start_inhibit_is_checked_again_when_the_first_bit_goes_out() -> Non
     script.run_until(1.0)
     script.submit(read_request(), "busy")
     script.submit(start_request(script.core), "start")
-    script.core.set_start_inhibit(None, inhibited=True)
+    script.core.registry.set_start_inhibit(None, inhibited=True)
     assert isinstance(script.result("start").error, NotPermitted)
     assert station.start_count == 0
 
@@ -247,7 +247,7 @@ def test_an_address_is_registered_once_and_never_the_broadcast_address() -> None
     bus = make_core(1)
     for address, key in ((1, "bus.address_taken"), (0, "bus.address_broadcast")):
         with pytest.raises(ConfigurationError) as caught:
-            bus.add_station(station_config(address))
+            bus.registry.add(station_config(address))
         assert caught.value.key == key
 
 
@@ -271,17 +271,17 @@ def test_a_drive_registered_again_inherits_its_start_inhibits() -> None:
     script = make_script(FakeStation())
     script.run_until(1.0)
     before = start_request(script.core)
-    script.core.set_start_inhibit([1], inhibited=True)
+    script.core.registry.set_start_inhibit([1], inhibited=True)
     for _ in range(2):
         script.core.stations[1].record_duplicate_reply(script.now)
         script.core.stations[1].counters.record_failure(LineError("bus.line_errors", station=1, count=1), script.now)
     bad = script.core.statistics(script.now).stations[1].damage_rate
     assert bad > 0 and script.core.health(1, script.now).duplicate_address
     script._perform(script.core.remove_station(1, script.now))
-    script.core.add_station(station_config())
+    script.core.registry.add(station_config())
     assert script.core.stations[1].start_inhibited and script.core.health(1, script.now).duplicate_address
     assert script.core.statistics(script.now).stations[1].damage_rate == bad
-    script.core.set_start_inhibit([1], inhibited=False)
+    script.core.registry.set_start_inhibit([1], inhibited=False)
     script.submit(before, "start")
     error = script.result("start").error
     assert isinstance(error, NotPermitted) and error.key == "bus.permit_stopped"
@@ -291,8 +291,8 @@ def test_a_start_inhibit_of_all_includes_removed_stations() -> None:
     script = make_script(FakeStation(address=1), FakeStation(address=2))
     for on in (True, False):
         script._perform(script.core.remove_station(1, script.now))
-        script.core.set_start_inhibit(None, inhibited=on)
-        script.core.add_station(station_config(1))
+        script.core.registry.set_start_inhibit(None, inhibited=on)
+        script.core.registry.add(station_config(1))
         assert script.core.stations[1].start_inhibited is on
 
 
@@ -302,7 +302,7 @@ def test_a_second_reply_of_a_removed_drive_counts_for_its_successor() -> None:
     script.result("read")
     before = script.core.stations[1]
     script._perform(script.core.remove_station(1, script.now))
-    script.core.add_station(station_config())
+    script.core.registry.add(station_config())
     for _ in range(2):
         before.record_duplicate_reply(script.now)
     assert script.core.health(1, script.now).duplicate_address

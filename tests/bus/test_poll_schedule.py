@@ -305,7 +305,7 @@ def test_the_counters_of_a_removed_drive_stay_with_the_bus_and_not_with_its_succ
     script.run_until(10)
     before = script.core.statistics(script.now)
     script._perform(script.core.remove_station(1, script.now))
-    script.core.add_station(station_config(1))
+    script.core.registry.add(station_config(1))
     after = script.core.statistics(script.now)
     assert replace(after, stations={}) == replace(before, stations={}) and before.replies > 0
     assert _line_use(after.stations[1]) == (0, 0, 0)

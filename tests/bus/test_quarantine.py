@@ -202,7 +202,7 @@ def test_an_offline_station_that_rejects_its_sync_probes_is_not_called_silent_un
 def counting() -> BusCore:
     """Return a bus with a DF800, whose sync probe differs from other reads only in its register count."""
     bus = BusCore(SETTINGS, echo="off")
-    bus.add_station(replace(station_config(1), sync_request=lambda n: read(1, 0x3000 + 2 * (n % 8), 2)))
+    bus.registry.add(replace(station_config(1), sync_request=lambda n: read(1, 0x3000 + 2 * (n % 8), 2)))
     return bus
 
 
@@ -323,7 +323,7 @@ def test_no_late_reply_is_ever_misattributed(
     for station in stations:
         with_nonce = station_config(station.address)
         with_count = replace(with_nonce, sync_request=lambda n, a=station.address: read(a, 0x3000 + 2 * (n % 8), 2))
-        bus.add_station(with_nonce if sync_kind == "nonce" else with_count)
+        bus.registry.add(with_nonce if sync_kind == "nonce" else with_count)
     script = BusScript(bus, line)
     registers: dict[int, int] = {}
     for number in range(2500):

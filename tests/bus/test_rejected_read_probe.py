@@ -31,7 +31,7 @@ def answer(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
 def online_script() -> BusScript:
     core = BusCore(SETTINGS, echo="off")
     probe = modbus.ReadRegisters(1, 0xFD01, 2)
-    core.add_station(replace(station_config(codec=CODEC), sync_request=lambda n: probe))
+    core.registry.add(replace(station_config(codec=CODEC), sync_request=lambda n: probe))
     script = BusScript(core, answer)
     script.submit(read_request(count=1), "first")
     assert script.result("first").error is None

@@ -75,7 +75,7 @@ def test_a_sync_probe_without_silence_fails_the_requests_that_wait_for_it() -> N
 def test_the_time_waited_before_a_frame_that_was_sent_does_not_count_for_the_next_one() -> None:
     """The second drive needs a longer gap, so noise can come between the reply of the first and its request."""
     core = make_core(1)
-    core.add_station(station_config(2, replace(TIMING, gap_characters=20)))
+    core.registry.add(station_config(2, replace(TIMING, gap_characters=20)))
     script = BusScript(core, wire_to(FakeStation(address=1), FakeStation(address=2)))
     script.run_until(1.0)
     make_noise(script, 0.9)
@@ -137,7 +137,7 @@ def test_a_request_that_follows_noise_is_sent_in_the_same_moment_in_which_the_no
 
 def test_bytes_while_no_frame_waits_are_one_frame_up_to_the_longest_gap_of_all_stations() -> None:
     core = make_core(1)
-    core.add_station(station_config(2, replace(TIMING, gap_characters=20)))
+    core.registry.add(station_config(2, replace(TIMING, gap_characters=20)))
     script = BusScript(core)
     core.tracing = True
     for number in range(4):

@@ -150,7 +150,7 @@ def a_new_station_when_the_port_is_replugged(script: BusScript, station: FakeSta
     after_probe(script)
     assert state_of(script) is StationState.NEVER_SEEN
     replug(script)
-    script.core.add_station(station_config(2))
+    script.core.registry.add(station_config(2))
     script.submit(read_request(2), "rules the echo out")
     after_probe(script)
     assert state_of(script) is StationState.ONLINE
@@ -159,7 +159,7 @@ def a_new_station_when_the_port_is_replugged(script: BusScript, station: FakeSta
 def an_absent_station_beside_one_that_replies(script: BusScript, station: FakeStation) -> None:
     station.alive = False
     read(script)
-    script.core.add_station(station_config(2))
+    script.core.registry.add(station_config(2))
     script.submit(read_request(2), "rules the echo out")
     script.run_until(script.now + 0.2)
     assert state_of(script) is StationState.ABSENT

@@ -256,14 +256,14 @@ def test_a_station_whose_sync_request_does_more_than_read_is_rejected() -> None:
     bus = make_core(2)
     starting = replace(station_config(1), sync_request=lambda n: modbus.WriteRegister(1, 0x2000, 1))
     with pytest.raises(ValueError, match="a sync request only reads, this one is motion"):
-        bus.add_station(starting)
+        bus.registry.add(starting)
 
 
 def test_a_control_word_that_stops_one_model_and_starts_another_is_not_broadcast() -> None:
     """Word 2 at register 2000H is a stop on a VC660 and a start on a DF800."""
     bus = make_core(1)
     other = station_config(2)
-    bus.add_station(
+    bus.registry.add(
         replace(other, effect_of=lambda frame: Effect.MOTION if effect(frame) is Effect.STOP else Effect.NONE)
     )
     script = BusScript(bus, wire_to(FakeStation(address=1)))

@@ -196,7 +196,7 @@ def test_a_short_error_is_accepted_only_if_nothing_follows() -> None:
 
     for rest in (b"", b"\x00"):
         bus = make_core(2)
-        bus.add_station(station_config(1, codec=codec))
+        bus.registry.add(station_config(1, codec=codec))
         script = BusScript(bus)
         bus.stations[1].state = StationState.ONLINE
         bus.echo.ruled_out = True

@@ -155,7 +155,7 @@ def test_a_foreign_master_is_detected_in_every_family_also_while_a_station_is_su
     """Its request may address the very station that is silent; no bytes may end the bus."""
     ours, other = (create_dialect(profiles.load(model), number) for number in (1, address))
     bus = BusCore(SETTINGS, echo="off")
-    bus.add_station(ours.station_config)
+    bus.registry.add(ours.station_config)
     script = BusScript(bus)
     script.submit(BusRequest(station=1, request=ours.echo_test_read()), "silent")
     script.result("silent")

@@ -261,7 +261,7 @@ def test_at_most_512_unsolicited_bytes_are_kept_and_a_piece_is_joined_for_50_ms(
 
 def test_a_station_that_answers_slowly_is_given_half_a_second_for_the_reply_to_another_master() -> None:
     core = make_core(2)
-    core.add_station(station_config(1, replace(TIMING, reply_delay_s=2.0)))
+    core.registry.add(station_config(1, replace(TIMING, reply_delay_s=2.0)))
     script = BusScript(core)
     at = receive(script, FOREIGN_READ)
     assert core.unsolicited.foreign_request is not None
@@ -354,7 +354,7 @@ def test_the_reply_of_a_huanyang_drive_to_a_stop_that_is_not_trusted_is_no_reque
     """It has the form of a request: the drive repeats function and length, with the bits of its state."""
     dialect = create_dialect(profiles.load("huanyang_hy"), 1)
     core = BusCore(SETTINGS, echo="off")
-    core.add_station(dialect.station_config)
+    core.registry.add(dialect.station_config)
     core.scheduler.mark_suspect(core.stations[1], 0.0)
     reply = dialect.codec.encode_reply(HuanyangReply(1, CONTROL, 0, 0, 1))
     script = BusScript(core, lambda frame, ended_at: [(ended_at + 0.02, reply)])

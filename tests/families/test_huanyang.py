@@ -330,7 +330,7 @@ def test_a_late_reply_to_a_stop_is_not_called_later_than_it_was() -> None:
     """
     core = BusCore(SerialSettings(9600), echo="off")
     dialect = create_dialect(profiles.load("huanyang_hy"), 1)
-    core.add_station(dialect.station_config)
+    core.registry.add(dialect.station_config)
     script = BusScript(core)
     script.submit(BusRequest(station=1, request=dialect.stop(StopMode.STOP)[0]), "stop")
     script.result("stop")

@@ -18,6 +18,7 @@ from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.bus.scheduler import PollSchedule, Scheduler
 from drivebus.bus.silence_timeout import SilenceTimeout
 from drivebus.bus.station import ProbeBudget, Station
+from drivebus.bus.station_registry import StationRegistry
 from drivebus.bus.transaction import Transaction
 from drivebus.bus.unsolicited import MAX_FRAGMENT_PAUSE_S, UnsolicitedBytes
 
@@ -47,9 +48,8 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
     BusCore: {
         "is_open": "same",
         "_closed_by": "",
-        "stations": "parts",
-        "removed_stations": "gone",
-        "all_starts_inhibited": "same",
+        "registry": "parts",
+        "stations": "",
         "scheduler": "parts",
         "unsolicited": "parts",
         "echo": "parts",
@@ -57,7 +57,6 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
         "_silence_timeout": "silence timeout",
         "_silent_since": "quiet",
         "wake_at": "until",
-        "_allow_mixed": "",
         "settings": "",
         "name": "",
         "has_line_timing": "",
@@ -68,6 +67,13 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
         "activity": "",
         "character_s": "",
         "_commands": "",
+    },
+    StationRegistry: {
+        "stations": "parts",
+        "removed": "gone",
+        "all_starts_inhibited": "same",
+        "_allow_mixed": "",
+        "_settings": "",
     },
     Scheduler: {
         "queues": "parts",
@@ -291,8 +297,8 @@ _RULES: dict[str, Callable[[Any, Any, float, float], Any] | None] = {
     "permit": lambda permit, prepared, now, _: (
         permit and (permit.stop_epoch == prepared.station.stop_epoch, permit.effect.value)
     ),
-    "gone": lambda gone, core, now, _: [
-        (one, gone[one].start_inhibited) for one in sorted(gone) if one not in core.stations
+    "gone": lambda gone, registry, now, _: [
+        (one, gone[one].start_inhibited) for one in sorted(gone) if one not in registry.stations
     ],
 }
 _PLAIN = frozenset({int, float, str, bytes, bool, type(None)})

@@ -77,7 +77,7 @@ class GateState:
     def __init__(self, subject: ModelSubject) -> None:
         self.subject = subject
         self.core = BusCore(grid_serial_settings(subject.grid), echo="off")
-        self.core.add_station(subject.dialect.station_config)
+        self.core.registry.add(subject.dialect.station_config)
         self.monitor = PermitMonitor(model=subject.model)
         self.now = GRID_START_S
         self.command: DriveCommand | None = None
@@ -130,7 +130,7 @@ class GateState:
     @property
     def stop_epoch(self) -> int:
         station = self.core.stations.get(OUR_ADDRESS)
-        return (station or self.core.removed_stations[OUR_ADDRESS]).stop_epoch
+        return (station or self.core.registry.removed[OUR_ADDRESS]).stop_epoch
 
     def command_key(self) -> tuple[Any, ...] | None:
         if self.command is None or self.model_command is None:
@@ -292,7 +292,7 @@ class GateState:
 
     def _set_start_inhibit(self, _: str, *, on: bool = True) -> None:
         self.monitor.start_inhibited = on
-        self._own_core().set_start_inhibit(None, inhibited=on)
+        self._own_core().registry.set_start_inhibit(None, inhibited=on)
 
     def _remove(self, _: str) -> None:
         self.monitor.on_removed()
@@ -300,7 +300,7 @@ class GateState:
 
     def _add(self, _: str) -> None:
         self.monitor.present = True
-        self._own_core().add_station(self.subject.dialect.station_config)
+        self._own_core().registry.add(self.subject.dialect.station_config)
 
     def _read(self, _: str) -> None:
         self._submit_request(BusRequest(station=OUR_ADDRESS, request=self.subject.dialect.echo_test_read()), "read")
@@ -367,7 +367,7 @@ class GateState:
         """Submit acting frames without a permit or with a foreign one; the bus must reject each at once."""
         held = self.held_permit if self.held_permit is not None and self.held_permit.place == 0 else None
         forged = list(self._forged_requests(None if held is None else held.permit))
-        self._own_core().add_station(self.subject.other.station_config)
+        self._own_core().registry.add(self.subject.other.station_config)
         for slot, (missing, bus_request) in enumerate(forged, FIRST_FORGED_SLOT):
             data = self.subject.dialect.codec.encode_request(bus_request.request)
             least = PermitRecord(

@@ -167,7 +167,7 @@ class Bus:
 
     def add_station(self, config: StationConfig) -> None:
         """Register a station. Raises ConfigurationError: address taken or broadcast, or protocols that must not mix."""
-        self.core.add_station(config)
+        self.core.registry.add(config)
 
     def remove_station(self, address: int) -> None:
         """Remove a station; its polls end and its queued requests fail. Raises KeyError."""
@@ -211,11 +211,11 @@ class Bus:
 
         ``drives`` refuses setpoints, resets and parameter writes then too.
         """
-        self.core.set_start_inhibit(addresses, inhibited=True)
+        self.core.registry.set_start_inhibit(addresses, inhibited=True)
 
     def release_start(self, addresses: Iterable[int] | None = None) -> None:
         """Reset the start inhibit: motion is permitted again, and no motor starts by itself."""
-        self.core.set_start_inhibit(addresses, inhibited=False)
+        self.core.registry.set_start_inhibit(addresses, inhibited=False)
 
     def start_inhibited(self, address: int) -> bool:
         """Return whether a start inhibit applies to this station. Raises KeyError."""

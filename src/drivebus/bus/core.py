@@ -24,7 +24,7 @@ Which code decides that a frame may be sent:
    of callers that it has just checked for expiry and by ``PreparedRequest.permit_error``: a write needs a permit for
    this station and this effect, not expired and of the current stop epoch, and a start inhibit refuses every motion
    (``drives.permissives`` grants no permit at all then). Polls and sync probes only read: ``start_polling`` and
-   ``add_station`` check that.
+   ``StationRegistry.add`` check that.
 4. Effect and addressed station are decoded from the encoded bytes (``prepare``), not taken from the caller.
 5. A stop needs no permit. ``submit`` queues it at once; it removes the commands that it overtakes and raises the stop
    epoch, which voids every permit granted before.
@@ -58,28 +58,27 @@ Why no late reply can be credited to another request:
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from drivebus.bus.commands import CoreCommand, DeliverResult, EmitTrace, Send
-from drivebus.bus.compatibility import check_compatible
 from drivebus.bus.echo import EchoDetector
 from drivebus.bus.failure_reason import (
     copy_error,
     failure_reason,
     shows_a_reply,
 )
-from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, StationConfig
+from drivebus.bus.messages import BusRequest, BusResult, RequestPriority
 from drivebus.bus.prepared_request import Poll, PreparedPoll, PreparedRequest, prepare
 from drivebus.bus.scheduler import NEVER, Scheduler
 from drivebus.bus.silence_timeout import SILENCE_TIMEOUT_S, SilenceTimeout
 from drivebus.bus.station import Presence, Station, StationHealth, StationState
+from drivebus.bus.station_registry import StationRegistry
 from drivebus.bus.statistics import BusStatistics, Counters, RecentActivity, bus_snapshot, merge_counters
 from drivebus.bus.trace import TraceEvent, TraceKind
 from drivebus.bus.transaction import Transaction
 from drivebus.bus.unsolicited import UnsolicitedBytes
 from drivebus.errors import (
-    ConfigurationError,
     LineError,
     NoReply,
     PortLost,
@@ -122,10 +121,8 @@ class BusCore:
         """Start of all counters; a replug does not reset it."""
         self.opened_at = float("-inf")
         """Last opening: start of the recent shares of bus time."""
-        self.stations: dict[int, Station] = {}
-        self.removed_stations: dict[int, Station] = {}
-        """Removed stations; one that is registered again inherits its stop epoch and start inhibit from here."""
-        self.all_starts_inhibited = False
+        self.registry = StationRegistry(settings, allow_mixed=allow_mixed)
+        self.stations = self.registry.stations
         self.scheduler = Scheduler(settings)
         self.echo = EchoDetector(echo)
         self.counters = Counters()
@@ -137,52 +134,20 @@ class BusCore:
         self.wake_at: float | None = None
         """Monotonic second at which ``on_timer`` is due, None if at none. Every event may change it."""
         self.character_s = settings.character_s
-        self._allow_mixed = allow_mixed
         self._silence_timeout = SilenceTimeout(settings)
         self._silent_since = 0.0
         self._commands: list[CoreCommand] = []
 
     # --- stations ------------------------------------------------------------------------------------------------
 
-    def add_station(self, config: StationConfig) -> None:
-        """Register a station. Raises ConfigurationError: address taken or broadcast, or protocols that must not mix.
-
-        Raises ValueError for a sync request that does more than read, or a lateness above ``ANY_REPLY_LATENESS_S``.
-        """
-        if config.address in self.stations:
-            raise ConfigurationError("bus.address_taken", address=config.address)
-        if config.address == config.codec.broadcast_address:
-            raise ConfigurationError("bus.address_broadcast", address=config.address)
-        check_compatible(config, (station.config for station in self.stations.values()), allow_mixed=self._allow_mixed)
-        effect = config.effect_of(config.codec.encode_request(config.sync_request(0)))
-        if effect is not Effect.NONE:
-            raise ValueError(f"station {config.address}: a sync request only reads, this one is {effect.value}")
-        if config.timing.max_reply_lateness_s > ANY_REPLY_LATENESS_S:
-            raise ValueError(f"station {config.address}: no reply may be later than {ANY_REPLY_LATENESS_S} s")
-        station = self.stations[config.address] = Station(config, self.settings)
-        station.start_inhibited = self.all_starts_inhibited
-        if config.address in self.removed_stations:
-            station.inherit(self.removed_stations[config.address])
-
     def remove_station(self, address: int, now: float) -> list[CoreCommand]:
         """Remove a station: its polls end, its queued requests fail. Raises KeyError."""
-        station = self.stations.pop(address)
-        station.stop_epoch += 1
-        self.removed_stations[address] = station
+        station = self.registry.remove(address)
         merge_counters(self.counters, station.counters)
         self.scheduler.remove_station(station)
         for prepared in self.scheduler.remove_if(lambda prepared: prepared.station is station):
             self._complete(prepared, NoReply("bus.removed", station=address))
         return self._advance(now)
-
-    def set_start_inhibit(self, addresses: Iterable[int] | None, *, inhibited: bool) -> None:
-        """Inhibit or allow motion of these stations (None: all, also those registered later)."""
-        if addresses is None:
-            self.all_starts_inhibited = inhibited
-            for station in self.removed_stations.values():
-                station.start_inhibited = inhibited
-        for address in self.stations if addresses is None else addresses:
-            self.stations[address].start_inhibited = inhibited
 
     def presence(self, address: int) -> Presence:
         """Return whether a station replies. Raises KeyError for an address that is not registered."""
