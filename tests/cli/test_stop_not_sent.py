@@ -67,6 +67,8 @@ def test_a_user_without_a_home_can_stop(monkeypatch: pytest.MonkeyPatch, words: 
         ("stop", "--service", "host:8080", "--drive", "fan-1"),
         ("stop", "--group", "fans"),
         ("coast", "sim://vc660@1"),
+        ("halt", *C320),
+        ("stpo", *C320),
         ("coast", *VC660, "--drive", "fan-1"),
         ("coast", "sim://nothing@1", "--model", "~no-account/own.toml", "--address", "1"),
     ],

@@ -237,7 +237,10 @@ class LazyGroup(_LocalizedHelp, click.Group):
             begun = [name for name in names if typed and name.startswith(typed)]
             known = {*names, *(option for param in self.params for option in param.opts)}
             meant = [name for name in _SYNONYMS.get(typed, ()) if name in known]
-            error.possibilities = meant or begun or get_close_matches(typed, names)  # type: ignore[attr-defined]
+            likely = meant or begun or get_close_matches(typed, names)
+            error.possibilities = likely  # type: ignore[attr-defined]
+            if {"stop", "coast"} & set(likely):
+                error.add_note(output.text("bus_stop.none_sent"))
             raise
 
     def get_help_option(self, ctx: click.Context) -> click.Option | None:
