@@ -280,6 +280,26 @@ def test_the_stop_socket_accepts_nothing_but_stop_all(tmp_path: Path) -> None:
     real(scenario())
 
 
+def test_a_stop_of_everything_that_reaches_an_ended_service_has_no_outcome_and_logs_no_traceback(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The service has ended, and its sockets are still open for a moment."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            server = StopServer(kit.service, tmp_path / "stop.sock")
+            await server.open()
+            await kit.service.stop()
+            reader, writer = await asyncio.open_unix_connection(str(tmp_path / "stop.sock"))
+            writer.write(b"stop all\n")
+            assert await reader.read() == STOP_RECEIVED
+            writer.close()
+            await server.close()
+
+    real(scenario())
+    assert [record for record in caplog.records if record.exc_info] == []
+
+
 def test_the_socket_returns_the_same_errors_as_the_service_in_process(tmp_path: Path) -> None:
     async def scenario() -> None:
         async with running_service() as kit:

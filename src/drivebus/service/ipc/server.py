@@ -202,7 +202,11 @@ class StopServer:
                 outcomes = await self._service.call(PLANT_STOP.name, {}, local_actor("stop-all", f"stop-{self._stops}"))
                 writer.write(json.dumps(outcomes, ensure_ascii=False).encode() + b"\n")
                 await writer.drain()
-        except (ValueError, ConnectionError):
+        except (
+            ValueError,
+            ConnectionError,
+            DrivebusError,
+        ):  # without an outcome the client reports an unconfirmed stop
             return
         finally:
             writer.close()
