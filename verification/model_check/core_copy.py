@@ -101,6 +101,7 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
         "suspect_since": "",
         "contact_losses": "",
         "stop_epoch": "",
+        "motions_sent": "",
         "address": "",
         "codec": "",
         "counters": "",
