@@ -42,6 +42,17 @@ def test_every_path_that_a_page_names_exists(page: Path) -> None:
     assert [path for path in named if not (ROOT / path).exists() and not (SOURCE / path).exists()] == []
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_page_names_every_module_of_the_bus_with_an_event_loop(page: Path) -> None:
+    """The bus was called pure but for two modules; a third imports asyncio."""
+    modules = (ROOT / "src" / "drivebus" / "bus").glob("*.py")
+    found = {file.stem for file in modules if re.search(r"^import asyncio", file.read_text(encoding="utf-8"), re.M)}
+    (paragraph,) = re.findall(
+        r"`bus\.station`[^.。]*[.。]([^.。]*`bus\.bus`.*?)(?:, so|，因此)", page.read_text("utf-8"), re.S
+    )
+    assert set(re.findall(r"`bus\.(\w+)`", paragraph)) == found
+
+
 def test_a_program_may_begin_with_the_import_of_any_module(tmp_path: Path) -> None:
     """Trap: a circle through the ``__init__`` of a package, which only a program that begins inside it shows."""
     for name, text in {
