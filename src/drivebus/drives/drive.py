@@ -49,7 +49,7 @@ class Drive:
 
     A command returns its Outcome where it is confirmed or acknowledged, and raises otherwise, with the outcome on the
     error and whether the motor may be running by it. Before anything was sent: CapabilityError, LimitError,
-    PreflightError, StartInhibited, EepromBudgetExceeded, Expired. After: DriveRejected, TargetNotReached,
+    PreflightError, StartInhibited, EepromBudgetExceeded, Expired; after that: DriveRejected, TargetNotReached,
     OutcomeUnknown, StopUnconfirmed, Superseded.
     """
 
@@ -68,9 +68,8 @@ class Drive:
     ) -> None:
         """Register the drive on the bus. Raises ProfileError, ConfigurationError (address, encoding, option).
 
-        ``nonce_start``: first number of the loop-backs that serve as sync probes, 0 to 65535. None: random, so that a
-        late reply to a process before this one fits none of them; fixed where the port is simulated, so that runs
-        repeat.
+        ``nonce_start``: first number of the loop-backs that serve as sync probes, 0 to 65535; None: random, so that a
+        late reply to a process before this one fits none of them, or fixed at a simulated port, so that runs repeat.
         """
         loaded = profile if isinstance(profile, DriveProfile) else profiles.load(profile)
         self.bus, self.profile, self.address = bus, loaded, address
@@ -252,9 +251,9 @@ class Drive:
     async def hold_ramp(self, seconds: float, requested_at: float | None = None) -> Outcome:
         """Keep the output frequency where it is for ``seconds`` (above 0, at most 10), then go on with the ramp.
 
-        Cancelled meanwhile, or where the drive does not acknowledge the end, the drive is stopped. Raises
-        CapabilityError where the model can't hold its ramp, and LimitError for the time or the frequency.
-        ``requested_at``: as for ``run``.
+        Cancelled meanwhile, or where the drive does not acknowledge the end, the drive is stopped; ``requested_at``: as
+        for ``run``. Raises CapabilityError where the model can't hold its ramp, and LimitError for the time or the
+        frequency.
         """
         with self._runner.command(requested_at) as op, self._stops.stop_on_failure(op):
             return raise_for_status(await self._runner.run_command(hold.hold_ramp(op, seconds)))
@@ -268,7 +267,7 @@ class Drive:
     ) -> JogSession:
         """Return a jog: ``async with drive.jog(5.0) as session`` jogs as long as the session is renewed.
 
-        ``frequency_hz`` None is the drive's own jog frequency, the only one on models whose bus can't set it.
+        ``frequency_hz`` None is the drive's own jog frequency, the only one on models whose bus can't set it;
         ``requested_at``: as for ``run``. Raises LimitError for a lease above 0.5 s.
         """
         return JogSession(
@@ -347,10 +346,10 @@ class Drive:
     async def write(self, values: Mapping[str, float | str], *, save: bool = False, force: bool = False) -> Outcome:
         """Write parameters to RAM, or with ``save`` to EEPROM; each is read back and named in the outcome's notes.
 
-        A value is a number in the parameter's unit, or a text with the raw word in hexadecimal (``0010H``, ``0x10``).
-        ``force``: send also what raises ConfirmationRequired otherwise: a new address, baud rate or format, an input
-        terminal that may start the motor, or a source of commands other than the bus. A later stop supersedes every
-        write that has not been sent yet.
+        A value is a number in the parameter's unit, or a text with the raw word in hexadecimal (``0010H``, ``0x10``);
+        a later stop supersedes every write that has not been sent yet. ``force``: send also what raises
+        ConfirmationRequired otherwise: a new address, baud rate or format, an input terminal that may start the motor,
+        or a source of commands other than the bus.
         """
         with self._runner.command() as op:
             return raise_for_status(
@@ -367,7 +366,7 @@ class Drive:
     ) -> CalibrationResult:
         """Run a calibration step, beside a person who watches the drive, and store the options that it determines.
 
-        ``observe`` is called after a motion and asks the person for the observation, None where it was not seen.
+        ``observe`` is called after a motion and asks the person for the observation, None where it was not seen;
         ``inputs``: of the step's operation. Raises CapabilityError where the drive has no such step.
         """
         return await self._calibration.run(step, observe, inputs)
