@@ -55,36 +55,33 @@ class ShelveSelectionParams(AlarmSelectionParams):
 
 
 class AlarmObject(ApiObject):
-    """An alarm; active until it is cleared and acknowledged. ``value``: what raised it; ``incident``: id of its record.
+    """An alarm; active until it is cleared and acknowledged.
 
-    ``setting``: id of its table in the plant file, or its ``kind``. ``drive`` is empty where it concerns none;
-    ``subject`` is then a bus, an interlock or a file. An alarm that is raised again unacknowledged has a new ``id`` and
-    ``raised_ms``; ``count`` is the number of times, ``first_id`` and ``first_raised_ms`` are those of the first one.
-    ``drive_replaced``: a reload has since removed its drive, or given the name to another motor.
+    One that is raised again unacknowledged stays one object, with a new ``id`` and ``raised_ms``.
     """
 
     id: str
-    setting: str
-    drive: str
+    setting: str = Field(description="id of its table in the plant file, or its kind")
+    drive: str = Field(description="empty where it concerns none; subject is then a bus, an interlock or a file")
     priority: AlarmPriority
     kind: str
     title: LocalizedText
     text: LocalizedText
     remedy: LocalizedText
-    value: float | int | str | None
+    value: float | int | str | None = Field(description="what raised it")
     subject: str
     raised_ms: int
-    first_id: str
-    first_raised_ms: int
-    count: int
+    first_id: str = Field(description="id of the first time that it was raised as this object")
+    first_raised_ms: int = Field(description="raised_ms of that time")
+    count: int = Field(description="number of times that it was raised as this object")
     cleared_ms: int | None
     acknowledged_ms: int | None
     acknowledged_by: str | None
     shelved_until_ms: int | None
     shelved_by: str | None
     shelved_reason: str | None
-    incident: str | None
-    drive_replaced: bool
+    incident: str | None = Field(description="id of its record")
+    drive_replaced: bool = Field(description="a reload has since removed its drive, or given the name to another motor")
 
 
 class ActiveAlarmsResponse(ApiObject):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from pydantic import Field
+
 from drivebus.service.api.operations.history import TimeRangeParams
 from drivebus.service.api.operations.operation import (
     ApiObject,
@@ -51,20 +53,16 @@ class AuditProblemObject(ApiObject):
 
 
 class AuditVerificationResponse(ApiObject):
-    """Result of a verification of the audit trail. ``found``: number of all problems; ``problems``: the first ones.
-
-    ``keyed``: the key was there, so that forged checkpoints are found. ``covered``: last record before a checkpoint;
-    later ones can be cut off undetected. ``head``: newest checkpoint; without it removed checkpoints are not found.
-    """
+    """Result of a verification of the audit trail."""
 
     ok: bool
     entries: int
     checkpoints: int
-    keyed: bool
-    covered: int
-    head: int | None
-    found: int
-    problems: list[AuditProblemObject]
+    keyed: bool = Field(description="the key was there, so that forged checkpoints are found")
+    covered: int = Field(description="last record before a checkpoint; later ones can be cut off undetected")
+    head: int | None = Field(description="newest checkpoint; without it removed checkpoints are not found")
+    found: int = Field(description="number of all problems")
+    problems: list[AuditProblemObject] = Field(description="the first of them")
 
 
 AUDIT_LIST = Operation(
