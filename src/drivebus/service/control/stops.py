@@ -106,7 +106,6 @@ class StopCommands:
     async def stop_started_drives(self, actor: Actor) -> Json:
         """Stop what this service started or adopted, unless the drive's ``on_service_stop`` is ``hold``.
 
-
         A drive that has not been read yet is stopped as soon as its first read shows it running, and a stop that is
         under way is waited for. Return the outcome of each stop of the service, and None for each stop that is not
         confirmed within the timeout; any other drive that may be running becomes an event.
