@@ -26,6 +26,7 @@ LOOP_ONLY = {
     "start_polling",
     "trace",
     "now",
+    "motions_sent",
     "stop_epoch",
     "withdraw_commands",
     "presence",

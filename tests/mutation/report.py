@@ -88,6 +88,7 @@ MUTATED_MODULES: list[tuple[list[str], list[str]]] = [
             "scheduler",
             "silence_timeout",
             "station",
+            "station_registry",
             "transaction",
             "transaction_future",
             "unsolicited",
