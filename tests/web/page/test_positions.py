@@ -176,11 +176,10 @@ def test_the_text_of_a_badge_is_one_line_after_the_other_on_a_phone(stage: Stage
     stage.call("waiver.grant", drive="fan-1", reason="watched bench")
     page = visit("#/drive/fan-1", language=language, size=(360, 740))
     waived = i18n.text("page.waived", language)
-    assert page.locator(".badge > span").first.inner_text().endswith(f" · {waived}")
-    assert (
-        page.locator(".badge").first.evaluate("(one) => [...one.childNodes].filter((n) => n.textContent.trim()).length")
-        == 1
-    )
+    badge = page.locator(".badge", has_text=f" · {waived}").first
+    badge.wait_for()
+    assert badge.locator("> span").inner_text().endswith(f" · {waived}")
+    assert badge.evaluate("(one) => [...one.childNodes].filter((n) => n.textContent.trim()).length") == 1
 
 
 def settled_buttons(page: Any) -> Any:
