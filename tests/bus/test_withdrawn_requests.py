@@ -2,9 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import pytest
+
 from drivebus.bus import Poll
+from drivebus.bus.core import BusCore
+from drivebus.bus.messages import BusRequest
 from drivebus.errors import Expired, Superseded
-from fixtures.bus import DAMAGED_REPLY, FakeStation, make_script, read, read_request, stop_request, write_request
+from fixtures.bus import (
+    DAMAGED_REPLY,
+    FakeStation,
+    make_script,
+    make_traced_script,
+    read,
+    read_request,
+    stop_request,
+    write_request,
+)
 
 
 def test_cancelling_a_queued_request_leaves_those_of_others_queued() -> None:
@@ -109,10 +124,21 @@ def test_the_queued_command_of_a_station_is_withdrawn_with_its_reason_and_the_re
     assert script.results["read"][-1].error is None and len(script.sent) == 2
 
 
-def test_a_withdrawn_command_on_the_wire_gets_no_further_attempt() -> None:
-    station = FakeStation(alive=False)
-    script = make_script(station)
-    script.submit(write_request(script.core), "command")
+@pytest.mark.parametrize(
+    ("request_of", "withdrawn_station", "attempts"),
+    [(write_request, 1, 1), (write_request, 2, 2), (lambda core: read_request(), 1, 2)],
+)
+def test_only_a_withdrawn_command_on_the_wire_gets_no_further_attempt(
+    request_of: Callable[[BusCore], BusRequest], withdrawn_station: int, attempts: int
+) -> None:
+    """A read, and a command of another station, are sent once more after the missing reply."""
+    station = FakeStation()
+    script = make_traced_script(station, FakeStation(address=2))
+    station.alive = False
+    script.submit(request_of(script.core), "on the wire")
     script.run_until(script.now + 0.01)
-    script._perform(script.core.withdraw_commands(1, Superseded("bus.superseded", station=1), script.now))
-    assert script.result("command").attempts == 1
+    why = Superseded("bus.superseded", station=withdrawn_station)
+    script._perform(script.core.withdraw_commands(withdrawn_station, why, script.now))
+    script.run_until(script.now + 0.1)
+    station.alive = True
+    assert script.result("on the wire").attempts == attempts
