@@ -25,6 +25,7 @@ from fixtures.bus import (
     read_request,
     start_request,
     station_config,
+    stop_request,
     wire_to,
     write_request,
 )
@@ -405,3 +406,16 @@ def test_a_stop_and_a_read_are_never_rejected_and_a_stop_never_expires() -> None
         station=1, request=modbus.WriteRegister(1, COMMAND, STOP), priority=RequestPriority.COMMAND, expires_at=1.0
     )
     assert PreparedRequest(ask, None, stop.station, SETTINGS).expires_at is None
+
+
+def test_only_frames_that_move_and_were_sent_count_as_motions() -> None:
+    """A start that was withdrawn before it was sent leaves the count of its station, and so its drive, as it was."""
+    script = make_script(FakeStation())
+    station = script.core.stations[1]
+    for request in (read_request(), write_request(script.core), stop_request(), start_request(script.core, until=-1.0)):
+        script.submit(request, "no motion")
+        script.result("no motion")
+    assert station.motions_sent == 0
+    for count in (1, 2):
+        script.submit(start_request(script.core), count)
+        assert script.result(count).error is None and station.motions_sent == count
