@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -56,15 +57,20 @@ def test_no_start_frame_is_sent_once_its_user_has_lost_control_and_one_sent_befo
     assert set(found) == {(0, 0, "plant.control_ended_meanwhile"), (1, 1, "confirmed")}
 
 
+async def _begin_group_start(kit: ServiceKit) -> asyncio.Task[Any]:
+    """Begin to start both fans under Ann's control; the second waits for its turn."""
+    await asyncio.sleep(2)
+    await kit.grant_waivers()
+    for drive in ("fan-1", "fan-2"):
+        await kit.call("lease.take", ANN, drive=drive)
+    arm = (await kit.call("group.arm", ANN, group="fans"))["arm_token"]
+    return asyncio.create_task(kit.call("group.start", ANN, group="fans", frequency_hz=20.0, arm_token=arm))
+
+
 def test_a_group_start_ends_with_the_drive_whose_frame_had_left_and_tells_the_others() -> None:
     async def scenario() -> None:
         async with running_service(plant_config(groups=(replace(GROUPS[0], start_interval_s=20.0),))) as kit:
-            await asyncio.sleep(2)
-            await kit.grant_waivers()
-            for drive in ("fan-1", "fan-2"):
-                await kit.call("lease.take", ANN, drive=drive)
-            arm = (await kit.call("group.arm", ANN, group="fans"))["arm_token"]
-            starting = asyncio.create_task(kit.call("group.start", ANN, group="fans", frequency_hz=20.0, arm_token=arm))
+            starting = await _begin_group_start(kit)
             while kit.station("fan-1").motor.starts == 0:  # noqa: ASYNC110  the simulated drive has no event
                 await asyncio.sleep(0.001)
             await kit.service.end_control("rights", ANN)
@@ -231,12 +237,7 @@ def test_a_group_start_whose_control_was_released_does_not_wait_for_the_turns_of
 
     async def scenario() -> None:
         async with running_service(plant_config(groups=(replace(GROUPS[0], start_interval_s=20.0),))) as kit:
-            await asyncio.sleep(2)
-            await kit.grant_waivers()
-            for drive in ("fan-1", "fan-2"):
-                await kit.call("lease.take", ANN, drive=drive)
-            arm = (await kit.call("group.arm", ANN, group="fans"))["arm_token"]
-            starting = asyncio.create_task(kit.call("group.start", ANN, group="fans", frequency_hz=20.0, arm_token=arm))
+            starting = await _begin_group_start(kit)
             await asyncio.sleep(2)
             assert not starting.done()
             await kit.call("lease.release", ANN, drive="fan-2")

@@ -202,12 +202,8 @@ class StopServer:
                 outcomes = await self._service.call(PLANT_STOP.name, {}, local_actor("stop-all", f"stop-{self._stops}"))
                 writer.write(json.dumps(outcomes, ensure_ascii=False).encode() + b"\n")
                 await writer.drain()
-        except (
-            ValueError,
-            ConnectionError,
-            DrivebusError,
-        ):  # without an outcome the client reports an unconfirmed stop
-            return
+        except (ValueError, ConnectionError, DrivebusError):
+            return  # without an outcome the client reports an unconfirmed stop
         finally:
             writer.close()
 
