@@ -260,7 +260,6 @@ def test_the_echo_of_a_c320_parameter_write_acknowledges_nothing() -> None:
                 station=1,
                 request=request,
                 priority=RequestPriority.PARAMETER,
-                retry_policy=RetryPolicy.EEPROM,
                 permit=permit,
             ),
             number,

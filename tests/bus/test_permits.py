@@ -46,7 +46,6 @@ def command_request(address: int, value: int, given: Permit | None) -> BusReques
         station=1,
         request=modbus.WriteRegister(address, COMMAND, value),
         priority=RequestPriority.COMMAND,
-        retry_policy=RetryPolicy.EDGE_TRIGGERED,
         permit=given,
     )
 
@@ -75,7 +74,7 @@ def test_a_permit_without_an_end_can_not_be_made() -> None:
         permit(expires_at=float("nan"))
 
 
-def test_a_read_label_on_a_start_does_not_help() -> None:
+def test_a_start_with_the_priority_of_a_poll_needs_a_permit() -> None:
     """The effect comes from the bytes, not from the request's own fields."""
     script = make_script(FakeStation())
     script.submit(
@@ -83,7 +82,6 @@ def test_a_read_label_on_a_start_does_not_help() -> None:
             station=1,
             request=modbus.WriteRegister(1, COMMAND, START),
             priority=RequestPriority.POLL,
-            retry_policy=RetryPolicy.READ,
         )
     )
     assert isinstance(script.result().error, NotPermitted)
@@ -180,7 +178,7 @@ def test_the_start_inhibit_is_checked_again_when_the_first_bit_goes_out() -> Non
 
 @pytest.mark.parametrize(
     ("retry_policy", "attempts"),
-    [(RetryPolicy.IDEMPOTENT, 3), (RetryPolicy.EDGE_TRIGGERED, 1), (RetryPolicy.EEPROM, 1), (RetryPolicy.READ, 1)],
+    [(RetryPolicy.IDEMPOTENT, 3), (RetryPolicy.EDGE_TRIGGERED, 1), (RetryPolicy.EEPROM, 1)],
 )
 def test_only_absolute_writes_are_resent_each_after_a_sync_probe(retry_policy: RetryPolicy, attempts: int) -> None:
     """The station receives everything, replies to loop-backs and never to writes."""
@@ -201,15 +199,14 @@ def test_only_absolute_writes_are_resent_each_after_a_sync_probe(retry_policy: R
     assert kinds == ([6, 8] * attempts)[: 2 * attempts - 1]
 
 
-def test_a_start_submitted_as_idempotent_is_still_sent_once() -> None:
-    """The retry policy of the permit counts, not that of the request."""
+def test_a_start_whose_permit_is_idempotent_is_still_sent_once() -> None:
+    """The effect of the bytes counts, not the retry policy of the permit."""
     station = FakeStation(alive=True)
     script = make_script(station)
     script.submit(read_request(), "read")
     script.result("read")
     station.alive = False
-    start = replace(start_request(script.core), retry_policy=RetryPolicy.IDEMPOTENT)
-    script.submit(start, "start")
+    script.submit(write_request(script.core, 1, COMMAND, START, retry_policy=RetryPolicy.IDEMPOTENT), "start")
     assert script.result("start").attempts == 1
 
 
@@ -358,7 +355,6 @@ def prepared_write(given: Permit | None, register: int = COMMAND, value: int = S
         station=1,
         request=modbus.WriteRegister(1, register, value),
         priority=RequestPriority.COMMAND,
-        retry_policy=RetryPolicy.EDGE_TRIGGERED,
         permit=given,
     )
     return PreparedRequest(ask, None, make_core(1).stations[1], SETTINGS)

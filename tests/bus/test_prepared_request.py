@@ -29,36 +29,29 @@ def permit(retry_policy: RetryPolicy, effect: Effect = Effect.SETTING) -> Permit
     return Permit(station=1, effect=effect, retry_policy=retry_policy, expires_at=100.0, stop_epoch=0)
 
 
-def write(
-    register: int, value: int, retry_policy: RetryPolicy, given: Permit | None = None, address: int = 1
-) -> BusRequest:
+def write(register: int, value: int, given: Permit | None = None, address: int = 1) -> BusRequest:
     return BusRequest(
         station=1,
         request=modbus.WriteRegister(address, register, value),
         priority=RequestPriority.PARAMETER,
-        retry_policy=retry_policy,
         permit=given,
     )
 
 
 ATTEMPTS = [
     ("a read twice", read_request(), 2),
-    ("a stop three times", write(COMMAND, STOP, RetryPolicy.EDGE_TRIGGERED), 3),
+    ("a stop three times", write(COMMAND, STOP), 3),
+    ("a stop three times, whatever its permit says", write(COMMAND, STOP, permit(RetryPolicy.EDGE_TRIGGERED)), 3),
     (
-        "a start once, whatever it is called",
-        write(COMMAND, START, RetryPolicy.IDEMPOTENT, permit(RetryPolicy.IDEMPOTENT, Effect.MOTION)),
+        "a start once, whatever its permit says",
+        write(COMMAND, START, permit(RetryPolicy.IDEMPOTENT, Effect.MOTION)),
         1,
     ),
-    ("a broadcast stop once", write(COMMAND, STOP, RetryPolicy.IDEMPOTENT, address=0), 1),
-    ("an absolute setting three times", write(SPEED, 1, RetryPolicy.EDGE_TRIGGERED, permit(RetryPolicy.IDEMPOTENT)), 3),
-    (
-        "an edge once, whatever the ask says",
-        write(SPEED, 1, RetryPolicy.IDEMPOTENT, permit(RetryPolicy.EDGE_TRIGGERED)),
-        1,
-    ),
-    ("without a permit the request decides: absolute", write(SPEED, 1, RetryPolicy.IDEMPOTENT), 3),
-    ("without a permit the request decides: edge", write(SPEED, 1, RetryPolicy.EDGE_TRIGGERED), 1),
-    ("an EEPROM write once", write(SPEED, 1, RetryPolicy.EEPROM, permit(RetryPolicy.EEPROM)), 1),
+    ("a broadcast stop once", write(COMMAND, STOP, address=0), 1),
+    ("an absolute setting three times", write(SPEED, 1, permit(RetryPolicy.IDEMPOTENT)), 3),
+    ("an edge once", write(SPEED, 1, permit(RetryPolicy.EDGE_TRIGGERED)), 1),
+    ("a setting without a permit once", write(SPEED, 1), 1),
+    ("an EEPROM write once", write(SPEED, 1, permit(RetryPolicy.EEPROM)), 1),
 ]
 
 
@@ -95,7 +88,7 @@ def test_the_effect_of_a_request_is_decoded_from_its_bytes() -> None:
     )
     assert prepared.send_s == SETTINGS.seconds(8) and prepared.reply_timeout_s == TIMING.timeout_s(SETTINGS, 13)
     assert (prepared.gap_s, prepared.adapter_latency_s) == (TIMING.gap_s(SETTINGS), TIMING.adapter_latency_s)
-    broadcast = prepare(write(COMMAND, STOP, RetryPolicy.IDEMPOTENT, address=0))
+    broadcast = prepare(write(COMMAND, STOP, address=0))
     assert (broadcast.reply_bytes, broadcast.is_broadcast, broadcast.reply_timeout_s) == (0, True, TIMING.turnaround_s)
 
 

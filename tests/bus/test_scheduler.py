@@ -57,7 +57,6 @@ def write(
             station=target.address,
             request=request,
             priority=priority,
-            retry_policy=RetryPolicy.EDGE_TRIGGERED,
             permit=permit,
             expires_at=until,
         ),

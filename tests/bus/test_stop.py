@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from drivebus.bus import Poll, estimate_bus_load
-from drivebus.bus.messages import BusRequest, RequestPriority, RetryPolicy
+from drivebus.bus.messages import BusRequest, RequestPriority
 from drivebus.errors import NotPermitted, Superseded
 from drivebus.protocols import modbus
 from drivebus.protocols.codec import Effect
@@ -140,7 +140,6 @@ def test_a_stop_in_any_priority_is_a_stop() -> None:
             station=1,
             request=stop_request().request,
             priority=RequestPriority.POLL,
-            retry_policy=RetryPolicy.IDEMPOTENT,
         ),
         "stop",
     )
@@ -217,7 +216,6 @@ def test_a_broadcast_stop_waits_the_turnaround_for_no_reply_and_is_never_repeate
             station=0,
             request=modbus.WriteRegister(0, 0x2000, STOP),
             priority=RequestPriority.STOP,
-            retry_policy=RetryPolicy.BROADCAST,
         ),
         "all",
     )

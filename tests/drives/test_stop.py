@@ -14,7 +14,7 @@ import pytest
 
 from drivebus import i18n, profiles
 from drivebus.bus import TraceEvent, TraceKind
-from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, RetryPolicy
+from drivebus.bus.messages import BusRequest, BusResult, RequestPriority
 from drivebus.bus.station import Station
 from drivebus.drives import create_dialect
 from drivebus.drives.dialects.base import StopMode
@@ -75,7 +75,7 @@ def test_a_stop_has_stop_priority_no_permit_and_no_read_before_it() -> None:
 def test_the_levels_after_a_stop_pulse_have_a_lower_priority_than_other_stops() -> None:
     bus = PureBus(dialect=dialect_for("vc660"), station=FakeModbus())
     bus.run(stop(operation_for(bus.dialect)))
-    pulse, levels, *_ = (ask for ask in bus.requests if ask.retry_policy is RetryPolicy.IDEMPOTENT)
+    pulse, levels, *_ = (ask for ask in bus.requests if isinstance(ask.request, modbus.WriteRegister))
     assert (pulse.priority, levels.priority) == (RequestPriority.STOP, RequestPriority.COMMAND)
 
 

@@ -104,7 +104,6 @@ def permitted_write(bus: Bus, request: Any) -> BusRequest:
         station=STATION,
         request=request,
         priority=RequestPriority.COMMAND,
-        retry_policy=RetryPolicy.IDEMPOTENT,
         permit=permit,
     )
 

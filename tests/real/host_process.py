@@ -103,7 +103,6 @@ def start_of(bus: Bus, drive: Drive) -> BusRequest:
         station=drive.address,
         request=frame.request,
         priority=RequestPriority.COMMAND,
-        retry_policy=frame.retry_policy,
         permit=permit,
     )
 

@@ -125,7 +125,6 @@ def permitted_write(bench: SystemBench, address: int, request: Any) -> BusReques
         station=address,
         request=request,
         priority=RequestPriority.COMMAND,
-        retry_policy=RetryPolicy.EDGE_TRIGGERED,
         permit=permit,
         expires_at=until,
     )

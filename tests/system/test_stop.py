@@ -8,7 +8,7 @@ import random
 import pytest
 
 from drivebus.bus import Poll
-from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPolicy
+from drivebus.bus.messages import BusRequest, Permit, RequestPriority
 from drivebus.drives import stop_bus
 from drivebus.drives.dialects.base import StopMode
 from drivebus.errors import Superseded
@@ -39,7 +39,6 @@ def stop_of(bench: SystemBench, address: int) -> BusRequest:
         station=address,
         request=bench.drives[address].dialect.stop(StopMode.STOP)[0],
         priority=RequestPriority.STOP,
-        retry_policy=RetryPolicy.IDEMPOTENT,
     )
 
 
@@ -177,7 +176,6 @@ def start_of(bench: SystemBench, address: int, word: int) -> BusRequest:
         station=address,
         request=frame.request,
         priority=RequestPriority.COMMAND,
-        retry_policy=frame.retry_policy,
         permit=permit,
         expires_at=until,
     )

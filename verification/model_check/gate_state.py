@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from drivebus.bus.commands import CoreCommand, DeliverResult, Send
 from drivebus.bus.core import BusCore
-from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPolicy
+from drivebus.bus.messages import BusRequest, Permit, RequestPriority
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.permissives import CommandKind, DriveCommand
 from drivebus.errors import Expired, NotPermitted, PortLost, Superseded
@@ -312,7 +312,6 @@ class GateState:
                 station=OUR_ADDRESS,
                 request=self.subject.stop_request(mode),
                 priority=RequestPriority.STOP,
-                retry_policy=RetryPolicy.IDEMPOTENT,
             ),
             "stop",
         )
@@ -322,9 +321,7 @@ class GateState:
         request = self.subject.dialect.broadcast_stop()[0]
         address = self.subject.dialect.codec.address_of(request)
         self._submit_request(
-            BusRequest(
-                station=address, request=request, priority=RequestPriority.STOP, retry_policy=RetryPolicy.BROADCAST
-            ),
+            BusRequest(station=address, request=request, priority=RequestPriority.STOP),
             "stop",
         )
 
@@ -339,8 +336,8 @@ class GateState:
         )
 
     def _submit(self, _: str, *, raw: bool = False) -> None:
-        """Submit the frame of the held permit as an operation does; ``raw``: as a direct call of the bus with other
-        labels."""
+        """Submit the frame of the held permit as an operation does; ``raw``: as a direct call of the bus with
+        another priority."""
         held = self.held_permit
         assert held is not None
         frame, slot = self.subject.frames[held.place], min({0, 1, 2} - set(self.permits))
@@ -348,13 +345,10 @@ class GateState:
             station=OUR_ADDRESS,
             request=frame.request,
             priority=RequestPriority.PARAMETER,
-            retry_policy=RetryPolicy.IDEMPOTENT,
             permit=held.permit,
         )
         if not raw:
-            operation = self.subject.op.transact(
-                frame.request, RequestPriority.COMMAND, frame.retry_policy, held.permit
-            )
+            operation = self.subject.op.transact(frame.request, RequestPriority.COMMAND, held.permit)
             word = self.subject.command_word
             step: Any = next(operation)
             operation.close()  # a cancelled operation takes its word for sent; here the bus sends it later

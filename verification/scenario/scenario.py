@@ -7,10 +7,11 @@ from typing import Any, NamedTuple
 
 from drivebus.bus import Bus
 from drivebus.bus.commands import CoreCommand, DeliverResult
-from drivebus.bus.messages import BusRequest, BusResult, RetryPolicy
+from drivebus.bus.messages import BusRequest, BusResult
 from drivebus.drives import Drive, MemoryStore, Monitor
 from drivebus.errors import DrivebusError
 from drivebus.ports import open_port
+from drivebus.protocols.codec import Effect
 from drivebus.testing.virtual_time import VirtualLoop, running
 from verification.campaign import CampaignRun
 from verification.drive_variants import DriveVariant
@@ -45,11 +46,13 @@ class ObservedBus(Bus):
     async def transact(self, bus_request: BusRequest) -> BusResult:
         """Transact and let the oracle assign these bytes to the current user command."""
         command = CURRENT_COMMAND.get()
-        if self.oracle is None or command is None or bus_request.retry_policy is RetryPolicy.READ:
+        if self.oracle is None or command is None:
             return await super().transact(bus_request)
-        with self.oracle.expecting_frame(
-            command, self.core.stations[bus_request.station].codec.encode_request(bus_request.request)
-        ):
+        config = self.core.stations[bus_request.station].config
+        frame = config.codec.encode_request(bus_request.request)
+        if config.effect_of(frame) is Effect.NONE:
+            return await super().transact(bus_request)
+        with self.oracle.expecting_frame(command, frame):
             return await super().transact(bus_request)
 
 

@@ -12,18 +12,14 @@ from drivebus.serial_settings import StationTiming
 
 
 class RetryPolicy(Enum):
-    """Policy for sending a frame again."""
+    """Policy for sending a frame again that needs a permit; for reads and stops their effect decides."""
 
-    READ = "read"
-    """Read: retried once."""
     IDEMPOTENT = "idempotent"
-    """Absolute value (setpoint, stop): resent at most twice while not expired."""
+    """Absolute value, such as a setpoint: resent at most twice while not expired."""
     EDGE_TRIGGERED = "edge_triggered"
     """Start, fault reset, jog: never resent by the bus; the operation decides after two verified reads."""
     EEPROM = "eeprom"
     """Compared before it is written, never resent."""
-    BROADCAST = "broadcast"
-    """Sent once; no station replies, so each drive is checked by a read."""
 
 
 class RequestPriority(IntEnum):
@@ -67,7 +63,6 @@ class BusRequest:
     station: int
     request: Any
     priority: RequestPriority = RequestPriority.PARAMETER
-    retry_policy: RetryPolicy = RetryPolicy.READ
     permit: Permit | None = None
     expires_at: float | None = None
     """Not sent after this monotonic second."""

@@ -83,13 +83,12 @@ class PreparedRequest:
         self.max_attempts = READ_ATTEMPTS if reads else self._max_write_attempts()
 
     def _max_write_attempts(self) -> int:
-        """Return 1 for motion; else the retry policy of the permit decides, so that the bus never repeats a start."""
+        """Return 1 for motion, so that the bus never repeats a start; for a setting the permit decides."""
         if self.is_broadcast or self.effect is MOTION:
             return 1
         if self.effect is STOP:
             return IDEMPOTENT_ATTEMPTS
-        policy = self.bus_request.retry_policy if self.permit is None else self.permit.retry_policy
-        return IDEMPOTENT_ATTEMPTS if policy is RetryPolicy.IDEMPOTENT else 1
+        return IDEMPOTENT_ATTEMPTS if self.permit and self.permit.retry_policy is RetryPolicy.IDEMPOTENT else 1
 
     def decode_reply(self, data: bytes) -> DecodeResult:
         """Decode bytes as the reply to this request. Raises ProtocolError."""

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivebus.bus import Bus
-from drivebus.bus.messages import BusRequest, RequestPriority, RetryPolicy
+from drivebus.bus.messages import BusRequest, RequestPriority
 from drivebus.drives.drive import Drive
 from drivebus.drives.operations.context import frame_exchange
 from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
@@ -77,7 +77,6 @@ async def _broadcast(bus: Bus, drives: Sequence[Drive]) -> tuple[FrameExchange, 
                 station=drive.address,
                 request=request,
                 priority=RequestPriority.STOP,
-                retry_policy=RetryPolicy.BROADCAST,
             )
             requests.setdefault(drive.dialect.codec.encode_request(request), bus_request)
     sent: list[FrameExchange] = []

@@ -7,7 +7,7 @@ Why a shared frame makes no stop less certain:
 
 1. The first frame of a stop is its own (``OWN_FRAME``). Only its later steps share frames, after that frame was
    answered or has timed out.
-2. A step joins an equal request (same bytes, priority and retry policy) only while that waits to be sent
+2. A step joins an equal request (same bytes and priority) only while that waits to be sent
    (``Bus.is_queued``): the reply to a frame on the wire may report a state from before the stop.
 3. Each stop judges the results by itself: two states that agree, each behind a sync probe, all sent after its own
    frame. It takes over no conclusion of another stop.

@@ -252,7 +252,7 @@ async def _sweep(bus: Bus, drives: list[Drive]) -> tuple[list[Drive], list[Drive
     Return the drives that replied, and those whose stop the port lost. Where a stop waits until its station answered
     as this model, each address is read instead.
     """
-    from drivebus.bus.messages import BusRequest, RequestPriority, RetryPolicy
+    from drivebus.bus.messages import BusRequest, RequestPriority
     from drivebus.drives.dialects.base import StopMode
 
     bus.inhibit_start(None)
@@ -264,7 +264,6 @@ async def _sweep(bus: Bus, drives: list[Drive]) -> tuple[list[Drive], list[Drive
                 station=first.address,
                 request=request,
                 priority=RequestPriority.STOP,
-                retry_policy=RetryPolicy.BROADCAST,
             )
         )
     present, lost, started_at = [], [], bus.now()
@@ -275,7 +274,6 @@ async def _sweep(bus: Bus, drives: list[Drive]) -> tuple[list[Drive], list[Drive
                 station=drive.address,
                 request=drive.dialect.stop(StopMode.STOP)[0] if check is None else check,
                 priority=RequestPriority.STOP if check is None else RequestPriority.PARAMETER,
-                retry_policy=RetryPolicy.IDEMPOTENT if check is None else RetryPolicy.READ,
             )
             result = await bus.transact(request)
             if result.received:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Any
 
-from drivebus.bus.messages import BusRequest, BusResult, Permit, RequestPriority, RetryPolicy
+from drivebus.bus.messages import BusRequest, BusResult, Permit, RequestPriority
 from drivebus.drives import permissives
 from drivebus.drives.context import DriveContext
 from drivebus.drives.dialects.base import CommandFrame, Rejection, reported_fault
@@ -76,9 +76,9 @@ class ExchangeLog:
         self._commands: deque[FrameExchange] = deque(maxlen=MAX_COMMAND_EXCHANGES)
         self._reads: deque[FrameExchange] = deque(maxlen=MAX_READ_EXCHANGES)
 
-    def add(self, result: BusResult, retry_policy: RetryPolicy) -> None:
+    def add(self, result: BusResult, effect: Effect) -> None:
         """Add a frame that was sent."""
-        log = self._reads if retry_policy is RetryPolicy.READ else self._commands
+        log = self._reads if effect is Effect.NONE else self._commands
         log.append(frame_exchange(result))
 
     def in_order(self) -> tuple[FrameExchange, ...]:
@@ -147,7 +147,6 @@ class OperationContext:
         self,
         request: Any,
         priority: RequestPriority = RequestPriority.PARAMETER,
-        retry_policy: RetryPolicy = RetryPolicy.READ,
         permit: Permit | None = None,
         tag: Any = None,
     ) -> DriveOperation[BusResult]:
@@ -156,7 +155,8 @@ class OperationContext:
         Reads have parameter priority: a stop removes queued commands and must not remove the reads that confirm it.
         """
         expires_at = permit.expires_at if permit is not None else None
-        if self.stop_epoch is not None and self.effect(request) is Effect.STOP:
+        effect = self.effect(request)
+        if self.stop_epoch is not None and effect is Effect.STOP:
             self.stop_epoch += 1
         moves = permit is not None and (permit.effect is Effect.MOTION or self.changes_run)
         was_running = self.may_be_running
@@ -165,7 +165,6 @@ class OperationContext:
             station=self.dialect.address,
             request=request,
             priority=priority,
-            retry_policy=retry_policy,
             permit=permit,
             expires_at=expires_at,
             waits_in_quarantine=self.waits_in_quarantine,
@@ -189,7 +188,7 @@ class OperationContext:
             if result.reply is not None and self._rejection(result) is None:
                 self.dialect.on_accepted(request)
             self.lost_replies += result.attempts - (result.error is None)
-            self._exchanges.add(result, retry_policy)
+            self._exchanges.add(result, effect)
             self.age.add(result)
         return result
 
@@ -397,7 +396,7 @@ class OperationContext:
                 "drives.model_unconfirmed", station=self.dialect.address, model=model, why=unconfirmed.why
             )
         permit = yield from self.request_permit(command, frame)
-        return (yield from self.transact(frame.request, RequestPriority.COMMAND, frame.retry_policy, permit))
+        return (yield from self.transact(frame.request, RequestPriority.COMMAND, permit))
 
     def evidence(self) -> DriveEvidence:
         """Return what this operation has established so far."""

@@ -12,7 +12,7 @@ from dataclasses import replace
 from math import inf, isfinite
 from typing import Any
 
-from drivebus.bus.messages import BusResult, RequestPriority, RetryPolicy
+from drivebus.bus.messages import BusResult, RequestPriority
 from drivebus.drives.dialects.base import Dialect, StopMode
 from drivebus.drives.operations.context import VERIFICATION_ROUNDS, OperationContext
 from drivebus.drives.operations.steps import OWN_FRAME, DriveOperation, get_bus_conditions, wait
@@ -144,7 +144,7 @@ def send_stop(op: OperationContext, mode: StopMode) -> DriveOperation[bool]:
     answered = yield from _send_stop_frames(op, mode)
     unlock = op.dialect.unlock()
     if op.stop_rejection is not None and unlock is not None:
-        yield from op.transact(unlock, RequestPriority.STOP, RetryPolicy.IDEMPOTENT)
+        yield from op.transact(unlock, RequestPriority.STOP)
         answered = yield from _send_stop_frames(op, mode)
     return answered
 
@@ -162,7 +162,6 @@ def _send_stop_frames(op: OperationContext, mode: StopMode) -> DriveOperation[bo
         result: BusResult = yield from op.transact(
             request,
             RequestPriority.COMMAND if place else RequestPriority.STOP,
-            RetryPolicy.IDEMPOTENT,
             tag=None if place or op.stops_sent else OWN_FRAME,
         )
         if place == 0:
