@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
 from drivebus import i18n
 from drivebus.clock import wall_ms
@@ -27,59 +27,42 @@ SAVE_INTERVAL_S = 60.0  # hours and energy that a killed service loses at most; 
 LOAD_RETRY_S = 10.0
 LOAD_TIMEOUT_S = 1.0  # a database that does not answer delays the start of the service by no more
 MAX_COUNT = 2**53  # a stored number beyond it was not counted here
+StoredInt = Annotated[int, Field(ge=-MAX_COUNT, le=MAX_COUNT)]
+StoredFloat = Annotated[float, Field(ge=-MAX_COUNT, le=MAX_COUNT)]
 MAX_OBSERVATION_GAP_S = 5.0
 """The time between two observations counts only up to this."""
 
 _RUNNING_TIME_STATES = frozenset(state for state in DriveState if state.turning and state is not DriveState.PAUSED)
 
 
-@dataclass(slots=True, kw_only=True)
-class RunStatistics:
+class RunStatistics(BaseModel):
     """Numbers of one drive since ``since_ms``, in UTC milliseconds."""
 
-    since_ms: int | None = None
-    running_s: float | None = None
-    starts: int | None = None
-    energy_kwh: float | None = None
+    model_config = ConfigDict(strict=True, allow_inf_nan=False)
+
+    since_ms: StoredInt | None = None
+    running_s: StoredFloat | None = None
+    starts: StoredInt | None = None
+    energy_kwh: StoredFloat | None = None
     """Energy of the drive's output; energy of a braking motor is subtracted."""
-    maximum_current_a: float | None = None
-    maximum_temperature_c: float | None = None
-    faults: dict[str, int] = field(default_factory=dict)
+    maximum_current_a: StoredFloat | None = None
+    maximum_temperature_c: StoredFloat | None = None
+    faults: dict[str, StoredInt] = Field(default_factory=dict)
     """Fault code → number of trips."""
     turned: bool | None = None
     """Whether the motor turned at the last observation with a known state."""
     fault: str | None = None
     """Fault code at that observation."""
-    _observed_at: float | None = None
-    _power_kw: float | None = None
+    _observed_at: float | None = PrivateAttr(None)
+    _power_kw: float | None = PrivateAttr(None)
 
     @classmethod
-    def from_document(cls, stored: Mapping[str, Any]) -> RunStatistics:
-        """Return stored statistics; unknown fields are ignored. Raises TypeError, ValueError for anything else."""
-        names = {one.name for one in fields(cls)} - {"_observed_at", "_power_kw"}
-        statistics = cls(**{name: value for name, value in {**stored}.items() if name in names})
-        statistics._check_types()
-        return statistics
-
-    def _check_types(self) -> None:
-        """Raise TypeError, ValueError for a field with which the counting would end."""
-        if type(self.faults) is not dict:
-            raise TypeError("faults")
-        numbers = (self.running_s, self.energy_kwh, self.maximum_current_a, self.maximum_temperature_c)
-        are_typed = (
-            all(one is None or type(one) in (int, float) for one in numbers)
-            and all(one is None or type(one) is int for one in (self.since_ms, self.starts, *self.faults.values()))
-            and None not in self.faults.values()
-            and self.turned in (None, True, False)
-            and (self.fault is None or type(self.fault) is str)
-        )
-        if not are_typed:
-            raise TypeError("a field has another type")
-        if not all(one is None or abs(one) <= MAX_COUNT for one in (*numbers, self.since_ms, self.starts)):
-            raise ValueError("a number out of range")
+    def from_document(cls, stored: Any) -> RunStatistics:
+        """Return stored statistics; unknown fields are ignored. Raises ValidationError for anything else."""
+        return cls.model_validate(stored)
 
     def to_document(self) -> Json:
-        return {name: value for name, value in asdict(self).items() if not name.startswith("_")}
+        return self.model_dump()
 
     @property
     def counts(self) -> tuple[int, int]:
@@ -190,7 +173,7 @@ class RunStatisticsStore:
             for drive, document in stored.items():
                 try:
                     self._drives[drive] = RunStatistics.from_document(document)
-                except (TypeError, ValueError):
+                except ValidationError:
                     self._put_aside(drive, document)
             self.is_loaded = True
 
