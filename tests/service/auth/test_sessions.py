@@ -458,6 +458,28 @@ def test_no_session_survives_a_reboot(tmp_path: Path, monkeypatch: pytest.Monkey
     assert restarted(auth, clock).session_credential(secret) is None, "the boot is unknown"
 
 
+@pytest.mark.parametrize("content", [b"{ oops", b"[]", b'{"boot": "b", "sessions": [{"id": 5}]}', b"\xff\xfe", None])
+def test_saved_sessions_that_cannot_be_read_are_logged(
+    content: bytes | None, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Every user had to log in again, and nothing said why. A missing file and an emptied one are no fault."""
+    auth, clock = auth_service(tmp_path)
+    secret, _ = login(auth)
+    path = auth.session_store.path
+    path.write_bytes(b"")
+    restarted(auth, clock)
+    path.unlink()
+    restarted(auth, clock)
+    assert not caplog.records
+    if content is None:
+        path.mkdir()
+    else:
+        path.write_bytes(content)
+    assert restarted(auth, clock).session_credential(secret) is None
+    (record,) = caplog.records
+    assert str(path) in record.message and "log in again" in record.message and record.levelname == "ERROR"
+
+
 @pytest.mark.parametrize("time", ["NaN", "1e999", '"noon"'])
 def test_a_saved_session_without_a_time_requires_a_new_login(tmp_path: Path, time: str) -> None:
     """Compared with no number it never became idle, and never ended."""

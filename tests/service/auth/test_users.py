@@ -245,7 +245,7 @@ def test_the_error_of_a_damaged_user_file_names_the_place_and_no_hash(tmp_path: 
     UserFile(path).change(lambda database: database.with_user(replace(ADMIN, password="$argon2id$v=19$m=8")))
     whole = path.read_text()
     entry = {"en": "users.0.password is missing or has a wrong value", "zh": "users.0.password 缺失或值不正确"}
-    content = {"en": "its content is not the JSON of users", "zh": "其内容不是用户数据的 JSON"}
+    content = {"en": "its content is not the expected JSON", "zh": "其内容不是所要求的 JSON"}
     for damaged, problem in ((whole.replace('"$', '["$').replace('8"', '8"]'), entry), (whole[:-9], content)):
         path.write_text(damaged)
         with pytest.raises(ConfigurationError) as raised:
@@ -283,6 +283,28 @@ def test_a_user_file_that_is_damaged_while_the_service_runs_is_logged_once_for_e
             assert file.read().users == (ADMIN,)
     found = [record.message for record in caplog.records if "stay in force" in record.message]
     assert len(found) == 2 and "users.json" in found[0]
+
+
+def test_a_damaged_user_file_is_parsed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each request parsed it again: with a large file each stop over the page waited for that."""
+    file = UserFile(tmp_path / "users.json")
+    file.change(lambda database: database.with_user(ADMIN))
+    file.read()
+    whole = file.path.read_text()
+    parsed: list[Path] = []
+    read_bytes = Path.read_bytes
+    monkeypatch.setattr(Path, "read_bytes", lambda path: parsed.append(path) or read_bytes(path))
+    for number, text in enumerate(("{ oops", "{ oops again", whole), start=1):
+        file.path.write_text(text)
+        for _ in range(5):
+            assert file.read().users == (ADMIN,)
+        assert len(parsed) == number
+    never_read = UserFile(tmp_path / "other.json")
+    never_read.path.write_text("{ oops")
+    for _ in range(5):
+        with pytest.raises(ConfigurationError, match=r"other\.json can't be used: its content"):
+            never_read.read()
+    assert len(parsed) == 4
 
 
 def test_a_user_file_that_is_removed_while_the_service_runs_prevents_no_stop_and_begins_no_set_up(

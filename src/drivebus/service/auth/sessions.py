@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import hashlib
+import logging
 import os
 import secrets
 from collections.abc import Iterable
@@ -18,9 +19,12 @@ from typing import Any
 
 from pydantic import FiniteFloat, TypeAdapter, ValidationError
 
+from drivebus import i18n
 from drivebus.atomic_write import atomic_write_private
-from drivebus.service.auth.users import User
+from drivebus.errors import SystemReason
+from drivebus.service.auth.users import User, content_problem
 
+LOG = logging.getLogger("drivebus.service")
 _BOOT_ID_FILE = Path("/proc/sys/kernel/random/boot_id")
 
 
@@ -72,11 +76,19 @@ class SessionStore:
         return os.path.lexists(self.path)
 
     def read(self) -> tuple[StoredSession, ...]:
-        """Return the sessions saved since the machine started; none if the file cannot be read."""
-        with contextlib.suppress(OSError, ValidationError):
-            stored = _SESSION_FILE_ADAPTER.validate_json(self.path.read_bytes())
-            return stored.sessions if stored.boot == _boot_id() != "" else ()
-        return ()
+        """Return the sessions saved since the machine started; none, and a log line, if the file cannot be read."""
+        try:
+            content = self.path.read_bytes()
+            if not content:  # emptied by ``write``
+                return ()
+            stored = _SESSION_FILE_ADAPTER.validate_json(content)
+        except FileNotFoundError:
+            return ()
+        except (OSError, ValidationError) as error:
+            problem = SystemReason(error) if isinstance(error, OSError) else content_problem(error)
+            LOG.error(i18n.preferred_text("log.sessions_unreadable", file=self.path, problem=problem))
+            return ()
+        return stored.sessions if stored.boot == _boot_id() != "" else ()
 
     def write(self, sessions: tuple[StoredSession, ...]) -> None:
         """Save sessions. A failed write is ignored: logging in and out must not depend on it.

@@ -197,6 +197,8 @@ class UserFile:
         self.path = path
         self._file_state: tuple[int, int, int] | None = None
         self._database = UserDatabase()
+        self._damage: tuple[tuple[int, int, int], Text] | None = None
+        """State of a file with another content, and where its content is wrong: it is not parsed again."""
         self._logged_problem = ""
         """Why the file can't be read now, as it was logged."""
         self._written = UserDatabase()
@@ -228,12 +230,12 @@ class UserFile:
         except FileNotFoundError as error:
             if self._file_state is None:
                 return UserDatabase()
-            raise self._unusable_error(error) from error
+            raise self._unusable_error(SystemReason(error)) from error
         except OSError as error:
-            raise self._unusable_error(error) from error
+            raise self._unusable_error(SystemReason(error)) from error
         fingerprint = (state.st_mtime_ns, state.st_size, state.st_ino)
         if fingerprint != self._file_state:
-            loaded = self._load()
+            loaded = self._load(fingerprint)
             if self._file_state is not None and loaded != self._written:
                 _log_changes(self.path, self._database, loaded)
             self._database, self._file_state, self._logged_problem = loaded, fingerprint, ""
@@ -256,21 +258,23 @@ class UserFile:
             ) from error
         return after
 
-    def _load(self) -> UserDatabase:
+    def _load(self, fingerprint: tuple[int, int, int]) -> UserDatabase:
+        if self._damage is not None and self._damage[0] == fingerprint:
+            raise self._unusable_error(self._damage[1])
         try:
             database = _USER_DATABASE_ADAPTER.validate_json(self.path.read_bytes())
         except ValidationError as error:
-            problem = _content_problem(error)
-            raise ConfigurationError("auth.store_unusable", file=str(self.path), problem=problem) from None
+            self._damage = fingerprint, content_problem(error)
+            raise self._unusable_error(self._damage[1]) from None
         except OSError as error:
-            raise self._unusable_error(error) from error
+            raise self._unusable_error(SystemReason(error)) from error
         return replace(database, tokens=tuple(_with_right_to_stop(token) for token in database.tokens))
 
-    def _unusable_error(self, error: Exception) -> ConfigurationError:
-        return ConfigurationError("auth.store_unusable", file=str(self.path), problem=SystemReason(error))
+    def _unusable_error(self, problem: Text | SystemReason) -> ConfigurationError:
+        return ConfigurationError("auth.store_unusable", file=str(self.path), problem=problem)
 
 
-def _content_problem(error: ValidationError) -> Text:
+def content_problem(error: ValidationError) -> Text:
     """Return where the content of the file is wrong, without the content: it holds hashes of secrets."""
     place = ".".join(map(str, error.errors(include_input=False, include_url=False)[0]["loc"]))
     return bilingual_text("auth.store_entry", place=place) if place else bilingual_text("auth.store_content")
