@@ -59,10 +59,12 @@ class EchoDetector:
 
     def filter_for(self, prepared: PreparedRequest) -> EchoFilter | None:
         """Return the filter for the bytes that follow this frame, None where no echo is expected."""
-        is_mirrorable = prepared.is_mirrorable()
-        if self.state is EchoState.OFF or (self.state is EchoState.UNKNOWN and is_mirrorable):
+        if self.state is EchoState.OFF:
             return None
-        tentative = self.state is EchoState.UNKNOWN or (self._is_assumed and not is_mirrorable)
+        is_unknown = self.state is EchoState.UNKNOWN
+        if is_unknown and prepared.is_mirrorable():
+            return None
+        tentative = is_unknown or (self._is_assumed and not prepared.is_mirrorable())
         return EchoFilter(prepared.data, tentative=tentative)
 
     def observe(self, transaction: Transaction) -> None:
