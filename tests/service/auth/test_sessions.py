@@ -462,7 +462,7 @@ def test_no_session_survives_a_reboot(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_saved_sessions_that_cannot_be_read_are_logged(
     content: bytes | None, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Every user had to log in again, and nothing said why. A missing file and an emptied one are no fault."""
+    """Every user had to log in again, without a reason in the log. A missing file and an emptied one are no fault."""
     auth, clock = auth_service(tmp_path)
     secret, _ = login(auth)
     path = auth.session_store.path
