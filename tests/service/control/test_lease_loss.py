@@ -171,6 +171,42 @@ def test_a_jog_ends_when_another_session_takes_control(taken: bool) -> None:
     run(scenario())
 
 
+@pytest.mark.parametrize("started", [False, True], ids=["before its frame", "while it turns"])
+@pytest.mark.parametrize("how", ["taken", "handed over"])
+def test_the_stop_of_a_jog_precedes_every_command_of_the_session_that_takes_control(how: str, started: bool) -> None:
+    """It came up to half a second later and stopped what the new session had started by then."""
+    engineer = remote_actor("li", Role.ENGINEER)
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            jogging = await kit.begin(ANN, "drive.jog", "fan-1", 5.0)
+            motor = kit.station("fan-1").motor
+            if started:
+                await jogging
+            else:
+                while motor.starts == 0:  # noqa: ASYNC110  the simulated drive has no event
+                    await asyncio.sleep(0.001)
+                assert not jogging.done()
+            if how == "taken":
+                await kit.call("lease.take", engineer, drive="fan-1")
+            else:
+                made = await kit.call("control_request.make", engineer, drive="fan-1")
+                request = made["control_request"]["id"]
+                await kit.call("control_request.grant", ANN, drive="fan-1", request=request)
+            await jogging
+            assert kit.drives_of_events("plant.jog_taken_over", actor="ann") == ["fan-1"]
+            await asyncio.sleep(0.2)
+            assert not kit.station("fan-1").running, "it was stopped only after the 0.5 s without a renewal"
+            await asyncio.sleep(2)
+            arm = (await kit.call("drive.arm", engineer, drive="fan-1"))["arm_token"]
+            await kit.call("drive.run", engineer, drive="fan-1", frequency_hz=20.0, arm_token=arm)
+            await asyncio.sleep(2)
+            assert kit.station("fan-1").running
+            assert kit.drives_of_events("plant.jog_lost") == []
+
+    run(scenario())
+
+
 MAY_BE_RUNNING = [
     {
         "en": "Fan 1 may be running, and the session that had control is lost",

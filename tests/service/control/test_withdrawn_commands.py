@@ -270,3 +270,68 @@ def test_a_start_that_has_not_left_when_the_service_ends_is_not_sent_to_a_drive_
             assert [event["drive"] for event in kit.history.events if event["kind"] == "not_stopped"] == []
 
     run(scenario())
+
+
+RECORDED_COMMANDS: dict[str, Json] = {
+    "drive.set_frequency": {"frequency_hz": 15.0},
+    "drive.reset": {},
+    "parameters.write": {"values": {"F1.10": 1.0}},
+    "drive.run": {"frequency_hz": 15.0},
+}
+
+
+@pytest.mark.parametrize("operation", RECORDED_COMMANDS)
+def test_a_command_is_not_sent_whose_session_gave_up_control_and_took_it_again_while_it_was_recorded(
+    operation: str,
+) -> None:
+    """With control given up, the command before it was to be void: it was sent."""
+    engineer = remote_actor("li", Role.ENGINEER)
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(2)
+            await kit.grant_waivers()
+            await kit.call("lease.take", engineer, drive="fan-1")
+            params = RECORDED_COMMANDS[operation]
+            if operation == "drive.run":
+                params = params | await kit.call("drive.arm", engineer, drive="fan-1")
+                del params["expires_s"]
+            station = kit.station("fan-1")
+            before = _state(station)
+            kit.trail.delay_s = 0.5
+            command = asyncio.create_task(kit.call(operation, engineer, drive="fan-1", **params))
+            await asyncio.sleep(0.1)
+            kit.trail.delay_s = 0.0
+            for lease in ("lease.release", "lease.take"):
+                await kit.call(lease, engineer, drive="fan-1")
+            with pytest.raises(Superseded) as withdrawn:
+                await command
+            assert withdrawn.value.key == "plant.control_ended_meanwhile"
+            assert _state(station) == before
+
+    run(scenario())
+
+
+def _state(station: Any) -> tuple[Any, ...]:
+    """Return what a command changes in a simulated drive."""
+    return station.setpoint_hz, station.motor.starts, repr(vars(station.memory))
+
+
+def test_the_end_of_control_ends_no_command_that_needs_none() -> None:
+    """A waiver is recorded by anyone with the right to it; taking control again is no command of the time before."""
+    engineer = remote_actor("li", Role.ENGINEER)
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(2)
+            kit.trail.delay_s = 0.5
+            taking = asyncio.create_task(kit.call("lease.take", engineer, drive="fan-1"))
+            waiving = asyncio.create_task(kit.call("waiver.grant", engineer, drive="fan-1", reason="test bench"))
+            await asyncio.sleep(0.1)
+            kit.trail.delay_s = 0.0
+            for lease in ("lease.take", "lease.release"):
+                await kit.call(lease, engineer, drive="fan-1")
+            await asyncio.gather(taking, waiving)
+            assert kit.service.plant.leases.get("fan-1", kit.service.plant.now()) is not None
+
+    run(scenario())

@@ -129,7 +129,7 @@ class Dispatcher:
     async def _run_recorded(
         self, operation: Operation, params: OperationParams, actor: Actor, handler: MotionHandler
     ) -> Json:
-        ticket = issue_ticket(self.plant, self._affected_drives(params))
+        ticket = issue_ticket(self.plant, self._affected_drives(params), actor)
         alarms = self._affected_alarms(params)
         recorded_params = params.model_dump() | _alarm_names(alarms)
         if isinstance(params, AlarmSelectionParams):  # not the names that a client invents
@@ -149,7 +149,7 @@ class Dispatcher:
         entry = replace(entry, of=number)
         try:
             with before_motion():
-                self._check_not_stopped(ticket)
+                self._check_ticket(ticket)
             result = await handler(params, actor, ticket)
         except Exception as error:
             await self._record_after(_failed_entry(entry, error))
@@ -160,8 +160,8 @@ class Dispatcher:
         await self._record_after(_completed_entry(entry, result))
         return result
 
-    def _check_not_stopped(self, ticket: CommandTicket) -> None:
-        """Raise Superseded after a stop of one of its drives, Expired after a record that took too long."""
+    def _check_ticket(self, ticket: CommandTicket) -> None:
+        """Raise Superseded for a ticket that is no longer valid, Expired after a record that took too long."""
         check_not_superseded(self.plant, ticket)
         age_s = self.plant.now() - ticket.issued_at
         if age_s > MAX_RECORDING_S:

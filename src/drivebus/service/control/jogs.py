@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import secrets
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -14,9 +15,9 @@ from drivebus.service.api.operations.drives import DRIVE_JOG, DRIVE_JOG_END, DRI
 from drivebus.service.auth.actor import Actor
 from drivebus.service.control.drive_commands import DriveCommands
 from drivebus.service.control.start_blockers import check_start
-from drivebus.service.control.tickets import CommandTicket, check_not_superseded
+from drivebus.service.control.tickets import CommandTicket, check_not_stopped
 from drivebus.service.runtime.drive import DriveRuntime
-from drivebus.service.runtime.plant import Plant
+from drivebus.service.runtime.plant import Plant, PlantListener
 from drivebus.types import Json
 
 
@@ -30,11 +31,12 @@ class ActiveJog:
     session: JogSession
 
 
-class RemoteJogs:
+class RemoteJogs(PlantListener):
     """Jogs that are under way."""
 
     def __init__(self, plant: Plant, commands: DriveCommands) -> None:
         self.plant, self.commands = plant, commands
+        plant.subscribe(self)
         self._active: dict[str, ActiveJog] = {}
         self._stop_tasks: set[asyncio.Task[None]] = set()
 
@@ -54,6 +56,7 @@ class RemoteJogs:
         self._active[id] = ActiveJog(runtime, actor, ticket, session)
         if self.plant.leases.has_ended(actor.session, self.plant.now()):
             self.end_control(actor.session)
+        self.on_control_end(runtime.id)
         assert session.start_outcome is not None
         answer = self.commands.publish_outcome(runtime, "jog", session.start_outcome, actor)
         return {"jog": id, "lease_s": session.lease_s, **answer}
@@ -93,15 +96,29 @@ class RemoteJogs:
     def end_control(self, session: str) -> list[str]:
         """End the jogs of a session that has ended; return their drives."""
         jogs = {id: jog for id, jog in self._active.items() if jog.actor.session == session}
+        self._end(jogs, "plant.jog_ended_with_session")
+        return [jog.drive.id for jog in jogs.values()]
+
+    def on_control_end(self, drive: str) -> None:
+        """End the jog of a drive that another session controls now: its stop precedes the commands of that session.
+
+        Where no session does, it goes on.
+        """
+        lease = self.plant.leases.get(drive, self.plant.now())
+        jogs = {id: jog for id, jog in self._active.items() if jog.drive.id == drive}
+        if lease is not None:
+            others = {id: jog for id, jog in jogs.items() if jog.actor.session != lease.actor.session}
+            self._end(others, "plant.jog_taken_over")
+
+    def _end(self, jogs: Mapping[str, ActiveJog], key: str) -> None:
         for id, jog in jogs.items():
             jog.session.expire()
-            self._remove_expired(id, "plant.jog_ended_with_session")
-        return [jog.drive.id for jog in jogs.values()]
+            self._remove_expired(id, key)
 
     def _remove_stopped(self, id: str) -> None:
         """Remove a jog that a later stop of its drive has ended. Raises Superseded then."""
         try:
-            check_not_superseded(self.plant, self._active[id].ticket)
+            check_not_stopped(self.plant, self._active[id].ticket)
         except Superseded:
             del self._active[id]
             raise

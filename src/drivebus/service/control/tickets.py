@@ -1,4 +1,4 @@
-"""Command ticket: issue time and each drive's stop count, to reject commands that a stop has overtaken."""
+"""Command ticket: what each drive's stops and control were at its issue, to reject commands that these have ended."""
 
 from __future__ import annotations
 
@@ -18,7 +18,11 @@ class CommandTicket:
     """Issue time (monotonic) of a command, the drives it affects, and how often each had been stopped by then."""
 
     issued_at: float
+    session: str
+    """Session that gave the command."""
     stop_counts: Mapping[str, int]
+    control_end_counts: Mapping[str, int]
+    """How often control had ended by then of each drive that the session controlled."""
     drives: tuple[DriveRuntime, ...]
 
 
@@ -28,13 +32,34 @@ MotionHandler = Callable[[Any, Actor, CommandTicket], Awaitable[Json]]
 """Handler of an operation that moves motors; by its ticket it sends nothing that a later stop has voided."""
 
 
-def issue_ticket(plant: Plant, runtimes: Iterable[DriveRuntime]) -> CommandTicket:
-    """Return a ticket for a command to these drives."""
-    drives = tuple(runtimes)
-    return CommandTicket(plant.now(), {runtime.id: plant.stop_counts[runtime.id] for runtime in drives}, drives)
+def issue_ticket(plant: Plant, runtimes: Iterable[DriveRuntime], actor: Actor) -> CommandTicket:
+    """Return a ticket for a command of ``actor`` to these drives."""
+    drives, session = tuple(runtimes), actor.session
+    return CommandTicket(
+        plant.now(),
+        session,
+        {runtime.id: plant.stop_counts[runtime.id] for runtime in drives},
+        {
+            runtime.id: plant.control_end_counts[runtime.id]
+            for runtime in drives
+            if _controls(plant, session, runtime.id)
+        },
+        drives,
+    )
 
 
 def check_not_superseded(plant: Plant, ticket: CommandTicket) -> None:
+    """Raise Superseded as ``check_not_stopped``, and where its session gave up control and took it again meanwhile.
+
+    That control has ended is reported by the handler, if it needs control.
+    """
+    check_not_stopped(plant, ticket)
+    for drive, count in ticket.control_end_counts.items():
+        if plant.control_end_counts[drive] != count and _controls(plant, ticket.session, drive):
+            raise Superseded("plant.control_ended_meanwhile", drive=drive)
+
+
+def check_not_stopped(plant: Plant, ticket: CommandTicket) -> None:
     """Raise Superseded where a drive was stopped, or replaced by a reload, since the ticket was issued.
 
     A drive that is gone is reported by the handler.
@@ -44,3 +69,8 @@ def check_not_superseded(plant: Plant, ticket: CommandTicket) -> None:
             raise Superseded("plant.stopped_meanwhile", drive=runtime.id)
         if plant.drives.get(runtime.id, runtime) is not runtime:
             raise Superseded("plant.another_meanwhile", drive=runtime.id)
+
+
+def _controls(plant: Plant, session: str, drive: str) -> bool:
+    lease = plant.leases.get(drive, plant.now())
+    return lease is not None and lease.actor.session == session

@@ -91,6 +91,9 @@ class PlantListener:
     def on_drive_removed(self, drive: str) -> None:
         """Handle that a drive left its bus: a reload removed it, or gave its name to another motor."""
 
+    def on_control_end(self, drive: str) -> None:
+        """Handle that the session that controlled a drive no longer does; another one may control it by now."""
+
     def on_reload(self) -> None:
         """Handle a reload: the plant has another configuration."""
 
@@ -121,6 +124,7 @@ class Plant:
     control_requests: ControlRequests = field(default_factory=ControlRequests)
     arm_tokens: ArmTokens = field(default_factory=ArmTokens)
     stop_counts: Counter[str] = field(default_factory=Counter)
+    control_end_counts: Counter[str] = field(default_factory=Counter)
     """Drive → number of its stop requests: a command with an older count is superseded. A reload keeps it."""
     state: str = "running"
     started_ms: int = 0
@@ -347,10 +351,14 @@ class Plant:
 
     def _on_control_end(self, drive: str) -> None:
         """Withdraw what was not sent yet of a session that no longer controls a drive, and its arm tokens."""
+        self.control_end_counts[drive] += 1
         self.revoke_arm_tokens(drive)
         if drive in self.drives:
             with failure_logged():
                 self.drives[drive].withdraw_commands(Superseded("plant.control_ended_meanwhile", drive=drive))
+        for listener in self._listeners:
+            with failure_logged():
+                listener.on_control_end(drive)
 
     # --- what outlives the process ------------------------------------------------------------------------------
 
