@@ -137,19 +137,21 @@ class DriveRuntime:
     @property
     def turning(self) -> bool:
         """Whether its motor turns; where its status can't be made, whether it turned when its state was known last."""
-        status = self._status_or_none()
+        return self._turns_by(self.status_or_none())
+
+    def _turns_by(self, status: DriveStatus | None) -> bool:
         return self.last_known_turning if status is None else status.state.turning
 
     @property
     def state_is_unknown(self) -> bool:
         """Whether its state is not known now, also because its status can't be made."""
-        status = self._status_or_none()
+        status = self.status_or_none()
         return status is None or status.state is DriveState.UNKNOWN
 
     @property
     def has_status(self) -> bool:
         """Whether its status can be made."""
-        return self._status_or_none() is not None
+        return self.status_or_none() is not None
 
     @property
     def is_online(self) -> bool:
@@ -159,7 +161,7 @@ class DriveRuntime:
     @property
     def awaits_first_read(self) -> bool:
         """Whether its first read is under way: the state is not known, and no poll has failed."""
-        status = self._status_or_none()
+        status = self.status_or_none()
         not_read = status is not None and status.reason == STATE_NOT_READ.reason
         return not_read and self.monitor is not None and self.monitor.last_error is None
 
@@ -193,7 +195,7 @@ class DriveRuntime:
             return self.monitor.status()
         return complete_status(self.drive.dialect, DriveStatus(state=DriveState.UNKNOWN, reason="drives.not_read"), ())
 
-    def _status_or_none(self) -> DriveStatus | None:
+    def status_or_none(self) -> DriveStatus | None:
         """Return the newest status; log why it can't be made, so that one drive keeps no stop from the others."""
         with failure_logged():
             return self.status()
@@ -206,17 +208,18 @@ class DriveRuntime:
         highest = model.maximum_hz if file.maximum_hz is None else min(model.maximum_hz, file.maximum_hz)
         return max(model.minimum_hz, file.minimum_hz), highest
 
-    @property
-    def above_limit_hz(self) -> float | None:
-        """Frequency at which it runs or to which it was set, where that is above its limit, which slows no motor."""
-        status = self._status_or_none()
+    def above_limit_hz(self, status: DriveStatus | None) -> float | None:
+        """Return the frequency at which it runs or to which it was set, where that is above its limit.
+
+        A new limit slows no motor. ``status``: its present one, None where that can't be made.
+        """
         read = None if status is None else status.readings.get("output_frequency")
         is_read = read is not None and read.quality is Quality.GOOD and isinstance(read.value, int | float)
         read_hz = float(read.value) if is_read else 0.0  # type: ignore[union-attr, arg-type]
         set_hz = self.commanded_hz if self.runs_for_service else None  # else it was started at its keypad
         frequency_hz = max(read_hz, set_hz or 0.0)
         is_above = frequency_hz > self.drive.range_hz[1] + FREQUENCY_TOLERANCE_HZ
-        return frequency_hz if is_above and (self.runs_for_service or self.turning) else None
+        return frequency_hz if is_above and (self.runs_for_service or self._turns_by(status)) else None
 
     def set_limits(self, own: DriveLimits | None) -> None:
         """Apply limits set by an engineer; None restores those of the configuration."""

@@ -382,10 +382,10 @@ class Plant:
 
     def report_above_limit(self, runtime: DriveRuntime) -> Json | None:
         """Return a note, and publish it, where a drive runs above its new limit; None where it does not."""
-        frequency_hz, maximum_hz = runtime.above_limit_hz, runtime.drive.range_hz[1]
+        frequency_hz = runtime.above_limit_hz(runtime.status_or_none())
         if frequency_hz is None:
             return None
-        params: Json = {"frequency_hz": round(frequency_hz, 2), "maximum_hz": maximum_hz}
+        params: Json = {"frequency_hz": round(frequency_hz, 2), "maximum_hz": runtime.drive.range_hz[1]}
         self.publish_event("configuration", runtime.id, "plant.above_limit", **params)
         return localized("plant.above_limit_of", {"drive": title_of(runtime.config), **params})
 

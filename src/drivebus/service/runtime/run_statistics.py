@@ -187,7 +187,9 @@ class RunStatisticsStore:
         """Take in an observation. Nothing is counted, or overwritten, before the stored statistics are known."""
         if not self.is_loaded:
             return
-        statistics = self._drives.setdefault(view.id, RunStatistics())
+        statistics = self._drives.get(view.id)
+        if statistics is None:
+            statistics = self._drives[view.id] = RunStatistics()
         counts = statistics.counts
         statistics.observe(view, now, now_ms)
         if statistics.counts != counts or now - self._saved_at.setdefault(view.id, now) >= SAVE_INTERVAL_S:
