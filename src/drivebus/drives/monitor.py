@@ -167,7 +167,7 @@ class Monitor:
         )
         # A slow poll has its first turn up to a minute after the start: until then its signals are not read yet.
         is_offline = self._bus.presence(self._dialect.address) is Presence.OFFLINE
-        lacks_reply = is_offline or not self._failed <= set(self._requests.values())
+        lacks_reply = is_offline or any(request not in self._requests.values() for request in self._failed)
         return complete_status(self._dialect, current, self._names if lacks_reply else ())
 
     def _current_state(self, now: float) -> DerivedState:
