@@ -14,7 +14,7 @@ from drivebus import i18n, profiles
 from drivebus.drives.state import join_fault_after_word
 from drivebus.profiles import notation
 from drivebus.profiles.model import DriveProfile, Evidence
-from drivebus.profiles.spaces import READ_FUNCTIONS
+from drivebus.profiles.spaces import READ_FUNCTION_BY_SPACE
 from drivebus.serial_settings import SerialSettings
 from drivebus.values import Text
 from fixtures.drives import writable_registers
@@ -55,7 +55,7 @@ def test_every_kind_of_wire_address_has_its_word(model: str) -> None:
     profile = profiles.load(model)
     spaces = {one.locator[0] for one in (*profile.signals.values(), *profile.parameters.values())}
     if profile.family == "modbus":  # every register, input and coil can be read by its address
-        spaces |= set(READ_FUNCTIONS)
+        spaces |= set(READ_FUNCTION_BY_SPACE)
     assert spaces and all(i18n.known(f"read.space_{space}") for space in spaces)
 
 

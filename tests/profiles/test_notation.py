@@ -223,3 +223,11 @@ def test_a_number_out_of_range_is_answered_with_the_range_and_no_parameter_of_an
 def test_a_parameter_with_an_explicit_index_is_found_however_its_zeros_are_written() -> None:
     profile = profiles.load("vc660")
     assert notation.find_entry(profile, "F0.2") is notation.find_entry(profile, "F00.02")
+
+
+def test_a_signal_whose_notation_is_no_address_is_found_by_it_in_any_case() -> None:
+    """Its register stands in the profile, as that of a parameter does."""
+    vc660 = profiles.load("vc660")
+    signal = replace(vc660.signals["output_frequency"], notation="U0-01")
+    profile = replace(vc660, signals={**vc660.signals, signal.name: signal})
+    assert notation.find_entry(profile, " u0-01") is signal

@@ -301,18 +301,6 @@ def test_the_place_of_a_bit_that_a_packed_field_leaves_0_is_reported(place: int,
     assert caught.value.params["position"] == 3
 
 
-@pytest.mark.parametrize(("notation", "place"), [("F0.0", (0, 0)), ("FP.255", (15, 255)), (" f9.7 ", (9, 7))])
-def test_a_parameter_is_named_as_in_the_manual(notation: str, place: tuple[int, int]) -> None:
-    assert sunfar.parse_parameter(notation) == place
-    assert sunfar.parse_parameter(sunfar.parameter_name(*place)) == place
-
-
-@pytest.mark.parametrize("notation", ["FA.1", "F0.256", "F0", "F0.", "G0.1", "F00.1", "F0.-1", "F0.²", "F.1", ""])
-def test_what_is_no_parameter_of_the_manual_is_rejected(notation: str) -> None:
-    with pytest.raises(ValueError, match=r"expected a parameter such as F0\.1 or FC\.12"):
-        sunfar.parse_parameter(notation)
-
-
 def test_a_monitor_is_requested_in_binary_or_as_printed() -> None:
     for index, coding, item in (
         (0, "binary", 0),

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from drivebus.protocols import sunfar
 from drivebus.protocols.codec import Complete, Effect
 from drivebus.protocols.sunfar import SunfarCodec, SunfarOperation
+from drivebus.protocols.sunfar.family import FAMILY
 from drivebus.protocols.sunfar.frame import CONTROL_LAYOUT, WRITE_LAYOUT
 from fixtures.sunfar_messages import (
     CODECS,
@@ -148,22 +149,30 @@ def test_a_tolerated_spelling_counts_as_motion() -> None:
     assert sunfar.frame_effect(b"*0010000:018:\r") is Effect.MOTION
 
 
+def parse(notation: str) -> tuple[str, int] | None:
+    return FAMILY.notations["sunfar"].parse(notation, 0xFFFF, {})
+
+
 @given(groups, items)
 def test_a_parameter_has_the_manuals_notation(group: int, item: int) -> None:
-    assert sunfar.parse_parameter(sunfar.parameter_name(group, item)) == (group, item)
+    assert parse(sunfar.parameter_name(group, item)) == ("parameter", group << 8 | item)
 
 
 @pytest.mark.parametrize(
-    ("notation", "place"), [("F1.10", (1, 10)), ("F0.16", (0, 16)), ("FC.3", (10, 3)), ("fp.0", (15, 0))]
+    ("notation", "place"),
+    [("F0.0", 0), ("F1.10", 0x010A), ("F0.16", 0x0010), ("F9.7", 0x0907), ("FC.3", 0x0A03), ("FP.255", 0x0FFF)],
 )
-def test_the_sixteen_groups_have_these_letters(notation: str, place: tuple[int, int]) -> None:
-    assert sunfar.parse_parameter(notation) == place
+def test_the_sixteen_groups_have_these_letters(notation: str, place: int) -> None:
+    assert parse(notation) == ("parameter", place)
+    assert sunfar.parameter_name(place >> 8, place & 0xFF) == notation
 
 
-@pytest.mark.parametrize("notation", ["", "F1", "F1.", "FA.1", "G1.1", "F1.256", "F1.1.1", "F1.-1", "F1.٣"])
+@pytest.mark.parametrize(
+    "notation",
+    ["", "F1", "F1.", "FA.1", "G1.1", "F.1", "F00.1", "F1.256", "F1.1.1", "F1.-1", "F1.٣", "F0.²"],
+)
 def test_what_is_no_parameter_is_rejected(notation: str) -> None:
-    with pytest.raises(ValueError, match="expected a parameter"):
-        sunfar.parse_parameter(notation)
+    assert parse(notation) is None
 
 
 def test_a_monitor_index_is_binary_unless_the_drive_wants_it_as_printed() -> None:

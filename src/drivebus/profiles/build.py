@@ -14,6 +14,7 @@ from drivebus.profiles.evidence import parse_evidence
 from drivebus.profiles.schema import (
     BitTable,
     CommandsTable,
+    FaultTable,
     IdentityTable,
     OptionTable,
     ParameterTable,
@@ -71,7 +72,6 @@ def build_profile(parsed: ProfileFile, source: str) -> m.DriveProfile:
         keypad=tuple(Text.from_mapping(step) for step in parsed.keypad),
         wiring=Text.from_mapping(parsed.wiring) if parsed.wiring else None,
         source=source,
-        format_version=parsed.format,
         open_questions=_build_open_questions(parsed),
         notation=m.NotationRule(parsed.family, parsed.notation.style, parsed.notation.highest),
         unplaced=unplaced,
@@ -92,8 +92,8 @@ def option_values(parsed: ProfileFile) -> dict[str, str | int | float | bool]:
 
 def _has_assumed_step(parsed: ProfileFile) -> bool:
     """Return whether nothing proves the step of the setpoint and no option of the file or its family asks for it."""
-    asked = {m.SETPOINT_STEP} & parsed.options.keys() or protocol_family(parsed.family).scale_option
-    return parsed.setpoint.is_assumed and not asked
+    has_option = m.SETPOINT_STEP in parsed.options or protocol_family(parsed.family).scale_option is not None
+    return parsed.setpoint.is_assumed and not has_option
 
 
 def _build_scale(parsed: ScaleTable) -> Scale:
@@ -198,7 +198,7 @@ def _build_preconditions(
     )
 
 
-def _build_fault(code: int, parsed: Any) -> m.FaultEntry:
+def _build_fault(code: int, parsed: FaultTable) -> m.FaultEntry:
     cause, remedy = (Text.from_mapping(text) if text else None for text in (parsed.cause, parsed.remedy))
     return m.FaultEntry(
         code=code,

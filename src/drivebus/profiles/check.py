@@ -13,7 +13,7 @@ from drivebus.profiles.check_access import block_registers, check_access, check_
 from drivebus.profiles.check_effect import check_effect
 from drivebus.profiles.check_words import check_words, is_word, offered_commands, offered_states
 from drivebus.profiles.diagnostics import Issue, issue, listed_values, nearest_names
-from drivebus.profiles.model import MAXIMUM_FREQUENCY, POLE_PAIRS, USUAL_STEPS_HZ, NotationRule
+from drivebus.profiles.model import MAXIMUM_FREQUENCY, POLE_PAIRS, USUAL_STEPS_HZ, NotationRule, is_choice
 from drivebus.profiles.notation import parse_notation
 from drivebus.profiles.schema import (
     MAX_GAP_S,
@@ -244,9 +244,7 @@ def _locator_of(profile: ProfileFile, notation: str, entry: SignalTable | Parame
 
 
 def _check_ranges(profile: ProfileFile) -> Iterator[Issue]:
-    entries = [(("signals", n), s) for n, s in profile.signals.items()]
-    entries += [(("parameters", n), p) for n, p in profile.parameters.items()]  # type: ignore[misc]
-    for path, entry in entries:
+    for path, _, entry in profile.entries:
         if entry.minimum is not None and entry.maximum is not None and entry.minimum > entry.maximum:
             related = ((*path, "maximum"),)
             yield issue("minimum", (*path, "minimum"), entry.minimum, related=related, maximum=entry.maximum)
@@ -276,7 +274,7 @@ def _check_options(profile: ProfileFile) -> Iterator[Issue]:
         if name not in options:
             known = listed_values(nearest_names(name, options) or options)
             yield issue("unknown_key", ("options", name, "value"), name, known=known)
-        elif not _is_allowed(option):
+        elif (option.choices or option.span) and not is_choice(option.value, option.choices, option.span):
             span = [f"{option.span[0]}-{option.span[1]}"] if option.span else []
             yield issue(
                 "choice", ("options", name, "value"), option.value, choices=listed_values([*option.choices, *span])
@@ -293,15 +291,6 @@ def _check_options(profile: ProfileFile) -> Iterator[Issue]:
 def _is_described(option: OptionTable) -> bool:
     """Return whether a profile describes the option; otherwise the value is that of a misspelled name."""
     return None not in (option.text, option.reason, option.procedure)
-
-
-def _is_allowed(option: OptionTable) -> bool:
-    value = option.value
-    if option.span and type(value) is int and option.span[0] <= value <= option.span[1]:
-        return True
-    if not option.choices and not option.span:
-        return True
-    return any(value == choice and type(value) is type(choice) for choice in option.choices)
 
 
 def check_addressing(profile: ProfileFile) -> Iterator[Issue]:
@@ -376,11 +365,7 @@ def _check_locators(profile: ProfileFile) -> Iterator[Issue]:
     eeprom_bit = profile.write.eeprom_address_bit or 0
     eeprom_bit = eeprom_bit if eeprom_bit.bit_count() == 1 else 0  # otherwise reported by _check_registers
     mask = profile.write.ram_address_mask or 0
-    entries: list[tuple[tuple[str, str], str, SignalTable | ParameterTable]] = [
-        *((("signals", name), signal.notation, signal) for name, signal in profile.signals.items()),
-        *((("parameters", notation), notation, parameter) for notation, parameter in profile.parameters.items()),
-    ]
-    for path, notation, entry in entries:
+    for path, notation, entry in profile.entries:
         at = path if path[0] == "parameters" else (*path, "notation")
         if entry.register_ is not None and not register_based:
             yield issue("register", (*path, "register"), entry.register_, family=profile.family)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from drivebus.profiles.diagnostics import Issue, KeyPath, issue
 from drivebus.profiles.schema import CommandsTable, ModbusTable, ParameterTable, ProfileFile, SignalTable
-from drivebus.profiles.spaces import BIT_SPACES, READ_FUNCTIONS, SYNC_READ_COUNT
+from drivebus.profiles.spaces import BIT_SPACES, READ_FUNCTION_BY_SPACE, SYNC_READ_COUNT
 from drivebus.protocols.family import Locator, protocol_family
 
 SINGLE_COILS = 16
@@ -47,19 +47,15 @@ def block_registers(profile: ProfileFile) -> set[Locator]:
 
 def check_access(profile: ProfileFile) -> Iterator[Issue]:
     """Yield the issues of reads and writes that the model has no function for, or that could be half done."""
-    entries: list[tuple[KeyPath, SignalTable | ParameterTable]] = [
-        *((("signals", name), one) for name, one in profile.signals.items()),
-        *((("parameters", name), one) for name, one in profile.parameters.items()),
-    ]
     if not protocol_family(profile.family).register_based:
-        for path, entry in entries:
+        for path, _, entry in profile.entries:
             for name in ("space", "words"):
                 if name in entry.model_fields_set:
                     yield issue("register", (*path, name), getattr(entry, name), family=profile.family)
         if "words" in profile.setpoint.model_fields_set:
             yield issue("register", ("setpoint", "words"), profile.setpoint.words, family=profile.family)
         return
-    for path, entry in entries:
+    for path, _, entry in profile.entries:
         yield from _check_entry(profile, path, entry)
     if profile.status is not None and profile.status.space not in ("holding", *_readable_spaces(profile)):
         yield _needs_function(("status", "space"), profile.status.space)
@@ -119,7 +115,7 @@ def _check_blocks(profile: ProfileFile) -> Iterator[Issue]:
 def _check_sync_block(modbus: ModbusTable, block: list[int]) -> Iterator[Issue]:
     """Check that the sync probe is the read of a block by function 04."""
     at: KeyPath = ("modbus", "sync_block")
-    if READ_FUNCTIONS["input"] not in modbus.functions:
+    if READ_FUNCTION_BY_SPACE["input"] not in modbus.functions:
         yield _needs_function(at, "input")
     if block not in modbus.blocks:
         choices = tuple(map(str, modbus.blocks)) or "-"
@@ -144,11 +140,11 @@ def check_codes(profile: ProfileFile) -> Iterator[Issue]:
 
 def _readable_spaces(profile: ProfileFile) -> list[str]:
     functions = profile.modbus.functions if profile.modbus else []
-    return [space for space, function in READ_FUNCTIONS.items() if function in functions]
+    return [space for space, function in READ_FUNCTION_BY_SPACE.items() if function in functions]
 
 
 def _needs_function(path: KeyPath, value: object, *functions: int) -> Issue:
-    required = functions or (READ_FUNCTIONS[str(value)],)
+    required = functions or (READ_FUNCTION_BY_SPACE[str(value)],)
     names = " / ".join(map(str, required))
     return issue("access", path, value, related=(("modbus", "functions"),), what=f"[modbus] functions {names}")
 

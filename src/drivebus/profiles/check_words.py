@@ -8,7 +8,7 @@ from typing import Any
 
 from drivebus.profiles.diagnostics import Issue, KeyPath, issue
 from drivebus.profiles.schema import BitTable, CommandsTable, ProfileFile
-from drivebus.profiles.words import MOTION_COMMANDS, STOP_COMMANDS
+from drivebus.profiles.words import MOTION_COMMANDS, MOTION_VALUES, STOP_COMMANDS
 from drivebus.values import Text
 
 BitPaths = dict[str, tuple[KeyPath, BitTable]]
@@ -169,9 +169,7 @@ def _check_preparation(profile: ProfileFile) -> Iterator[Issue]:
     if not is_whole or not commands.values or profile.status is None:
         yield issue("preparation_parts", ("commands", "preparation"), len(commands.preparation))
         return
-    moves = {
-        name: word for name, word in commands.values.items() if name.startswith(("start", "jog_forward", "jog_re"))
-    }
+    moves = {name: word for name, word in commands.values.items() if name in MOTION_VALUES}
     for place, step in enumerate(commands.preparation):
         for name, word in moves.items():
             if step.word & word == word:

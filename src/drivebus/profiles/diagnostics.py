@@ -35,7 +35,7 @@ DEFAULT_CATALOGUE = "profiles"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnostic:
-    """Fault of a profile file."""
+    """Fault of a TOML file: a profile or ``plant.toml``."""
 
     kind: str
     """Last part of the i18n key of its text, ``<catalogue>.kind.<kind>``."""
@@ -119,7 +119,7 @@ def issue(
 
 
 def unreadable_issue(error: OSError) -> Issue:
-    """Return the issue of a file or folder that the operating system does not let us read."""
+    """Return the issue of a file or folder that can't be read."""
     reason = Text.per_language(SystemReason(error).text)
     return issue("folder", (), reason) if isinstance(error, IsADirectoryError) else issue("unreadable", (), reason)
 

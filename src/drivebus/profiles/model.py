@@ -6,7 +6,7 @@ A locator is ``(space, index)``, for example ("monitor", n) and ("parameter", gr
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -39,7 +39,7 @@ class Signal:
     """Value that is polled."""
 
     name: str
-    """State, set_frequency, output_frequency, output_current, output_voltage, output_power, output_speed,
+    """The names state, set_frequency, output_frequency, output_current, output_voltage, output_power, output_speed,
     dc_bus_voltage, temperature and fault mean the same in every profile; any other name is the profile's own."""
     notation: str
     """The manual's own: d.0, 3002H, Q01."""
@@ -218,6 +218,13 @@ class SerialDefaults:
     formats: tuple[str, ...]
 
 
+def is_choice(value: object, choices: Iterable[object], span: Sequence[int] | None) -> bool:
+    """Return whether a value is one of the choices, of the same type, or a whole number from span[0] to span[1]."""
+    if span is not None and type(value) is int and span[0] <= value <= span[1]:
+        return True
+    return any(type(value) is type(choice) and value == choice for choice in choices)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenQuestion:
     """Behaviour that the manuals leave open, with the value in force, the reason, and how to determine it."""
@@ -239,9 +246,7 @@ class OpenQuestion:
         """Return whether the option may have this value."""
         if not (self.choices or self.span):
             return type(value) is type(self.value)
-        low, high = self.span or (1, 0)
-        spanned = type(value) is int and low <= value <= high
-        return spanned or any(type(value) is type(choice) and value == choice for choice in self.choices)
+        return is_choice(value, self.choices, self.span)
 
     @property
     def expected(self) -> tuple[str, ...]:
@@ -296,8 +301,7 @@ class DriveProfile:
     timing: StationTiming
     limits: FrequencyLimits
     capabilities: frozenset[str]
-    """Of: run, reverse, stop, coast, quick_stop, jog, set_frequency, reset_fault, read, write, write_ram, save,
-    identify, broadcast_stop, status. Any other request is rejected before it is sent."""
+    """Names of ``schema.Capability``. Any other request is rejected before it is sent."""
     signals: Mapping[str, Signal]
     parameters: Mapping[str, Parameter]
     preconditions: tuple[Precondition, ...]
@@ -328,7 +332,6 @@ class DriveProfile:
     wiring: Text | None = None
     source: str = ""
     """Path of its file."""
-    format_version: int = 1
     open_questions: tuple[OpenQuestion, ...] = ()
     notation: NotationRule = NotationRule("modbus", "register", 0xFFFF)
     unplaced: Mapping[str, UnplacedParameter] = field(default_factory=dict)
@@ -368,7 +371,7 @@ class DriveProfile:
     def needs_model_check(self) -> bool:
         """Whether a station must answer as this model before its first command: the stop may start another model.
 
-        So it is where a command word is a number, and where the profile has only one source.
+        True where a command word is a number, and where the profile has only one source.
         """
         return self.commands is not None and (bool(self.commands.values) or self.grade == "draft")
 

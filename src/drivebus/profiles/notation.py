@@ -83,7 +83,7 @@ def find_entry(profile: DriveProfile, name: str) -> Signal | Parameter:
     try:
         locator = parse_notation(name, profile.notation, profile.group_sizes)
     except ProfileError as error:
-        placed = _find_by_name(profile, name) or _find_by_numbers(profile, name)
+        placed = _find_by_notation(profile, name) or _find_by_numbers(profile, name)
         if placed is not None:
             return placed
         if error.key != "profiles.notation":
@@ -103,16 +103,10 @@ def _find_listed(profile: DriveProfile, locator: Locator) -> Signal | Parameter 
 
 
 def _find_by_notation(profile: DriveProfile, name: str) -> Signal | Parameter | None:
-    """Find an entry of another space than holding registers, which its notation does not show."""
+    """Find the entry of a notation that gives no address (P0-10), or not its space; the profile gives the register."""
     folded_name = name.strip().casefold()
     entries: list[Signal | Parameter] = [*profile.signals.values(), *profile.parameters.values()]
     return next((entry for entry in entries if entry.notation.casefold() == folded_name), None)
-
-
-def _find_by_name(profile: DriveProfile, name: str) -> Parameter | None:
-    """Find a parameter whose profile entry gives the register of a notation that no style reads (P0-10, A1.05)."""
-    folded_name = name.strip().casefold()
-    return next((p for notation, p in profile.parameters.items() if notation.casefold() == folded_name), None)
 
 
 def _find_by_numbers(profile: DriveProfile, name: str) -> Parameter | None:

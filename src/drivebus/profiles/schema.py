@@ -500,3 +500,11 @@ class ProfileFile(StrictTable):
     identity: IdentityTable | None = None
     keypad: list[LocalizedText] = []
     wiring: LocalizedText | None = None
+
+    @property
+    def entries(self) -> list[tuple[tuple[str, str], str, SignalTable | ParameterTable]]:
+        """Key path, notation and table of each signal and parameter."""
+        return [
+            *((("signals", name), signal.notation, signal) for name, signal in self.signals.items()),
+            *((("parameters", notation), notation, parameter) for notation, parameter in self.parameters.items()),
+        ]

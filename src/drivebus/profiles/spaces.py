@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-READ_FUNCTIONS = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}
-"""Space to the function that reads it."""
+READ_FUNCTION_BY_SPACE = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}
 BIT_SPACES = ("coil", "discrete")
 """Spaces of single bits; the others have registers of 16."""
 SYNC_READ_COUNT = 2

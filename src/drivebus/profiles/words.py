@@ -21,6 +21,8 @@ STOP_COMMANDS = ("stop", "coast", "quick_stop", "jog_stop")
 """Commands that are sent without a permit."""
 MOTION_COMMANDS = ("start", "jog_forward", "jog_reverse")
 """Commands of a word of bits that move the motor."""
+MOTION_VALUES = frozenset({"start_forward", "start_reverse", "jog_forward", "jog_reverse"})
+"""Commands of a word that is a number that move the motor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,19 +35,16 @@ class FixedWrite:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandMap:
-    """Command word of a register-based model.
-
-    Names: start, stop, coast, quick_stop, reset, forward, reverse, jog_forward, jog_reverse, jog_stop, pause,
-    hold_ramp. The model can't do what is absent.
-    """
+    """Command word of a register-based model. The model can't do what is absent from ``bits`` and ``values``."""
 
     register: int
     bits: Mapping[str, CommandBit]
+    """Name (``schema.CommandName``) to its bit."""
     setpoint_register: int
     rewrite_levels_after_pulse: bool = False
     values: Mapping[str, int] = field(default_factory=dict)
-    """Whole words of a drive whose command word is a number: start_forward, start_reverse, stop, coast, quick_stop,
-    reset, jog_forward, jog_reverse, jog_stop. Then there are no ``bits``."""
+    """Name (``schema.CommandValueName``) to the whole word, where the command word is a number. Then there are no
+    ``bits``."""
     variants: Mapping[str, Mapping[str, Mapping[str, CommandBit]]] = field(default_factory=dict)
     """Option to its values to the bits that apply only under that value."""
     words: int = 1
@@ -114,19 +113,16 @@ class StartStep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StatusMap:
-    """Status word of a register-based model: bit masks by name, or the name of each value.
-
-    Names of bits: ready, fault, under_voltage, running, emergency_stopping, paused, speed_search, dc_braking, jogging,
-    set_reverse, output_reverse.
-    """
+    """Status word of a register-based model: bit masks by name, or the name of each value."""
 
     register: int
     bits: Mapping[str, int]
+    """Name (``schema.StatusName``) to its mask."""
     reserved_mask: int = 0
     """Bits that must read 0; otherwise the word is rejected."""
     fault_registers: tuple[int, ...] = ()
     values: Mapping[int, str] = field(default_factory=dict)
-    """State of each value of a status word that is a number; any other value is rejected."""
+    """Value to its state (``schema.StatusValueName``), of a status word that is a number; any other is rejected."""
     mask: int = 0xFFFF
     """Part of the word that ``values`` count."""
     numbers_fault: bool = False

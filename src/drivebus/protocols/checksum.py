@@ -87,22 +87,25 @@ def canonical_digits(digits: bytes, table: bytes = STRICT_HEX_DIGITS, start: int
     """
     canonical = digits.translate(table)
     if _NOT_A_DIGIT in canonical:
-        at = canonical.index(_NOT_A_DIGIT)
-        raise AlphabetError("protocols.alphabet", expected="0-9 A-F", found=digits[at], position=start + at)
+        raise _alphabet_error("0-9 A-F", digits, canonical, start)
     return canonical
 
 
-def hex_value(digits: bytes, table: bytes = STRICT_HEX_DIGITS, start: int = 0) -> int:
-    """Return the number in ASCII hex digits. Raises AlphabetError for a byte that ``table`` does not accept."""
-    return int(canonical_digits(digits, table, start), 16)
+def _alphabet_error(expected: str, digits: bytes, canonical: bytes, start: int) -> AlphabetError:
+    at = canonical.index(_NOT_A_DIGIT)
+    return AlphabetError("protocols.alphabet", expected=expected, found=digits[at], position=start + at)
+
+
+def hex_value(digits: bytes, start: int = 0) -> int:
+    """Return the number in ASCII hex digits. Raises AlphabetError for anything but 0-9 and A-F."""
+    return int(canonical_digits(digits, start=start), 16)
 
 
 def decimal_value(digits: bytes, start: int = 0) -> int:
     """Return the number in ASCII decimal digits. Raises AlphabetError for anything but 0-9."""
     canonical = digits.translate(DECIMAL_DIGITS)
     if _NOT_A_DIGIT in canonical:
-        at = canonical.index(_NOT_A_DIGIT)
-        raise AlphabetError("protocols.alphabet", expected="0-9", found=digits[at], position=start + at)
+        raise _alphabet_error("0-9", digits, canonical, start)
     return int(canonical)
 
 

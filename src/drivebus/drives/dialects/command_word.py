@@ -5,7 +5,7 @@ from __future__ import annotations
 from drivebus.drives.dialects.base import Hold, StopMode
 from drivebus.drives.state import Direction
 from drivebus.errors import CapabilityError
-from drivebus.profiles.words import STOP_COMMANDS, CommandMap
+from drivebus.profiles.words import MOTION_VALUES, STOP_COMMANDS, CommandMap
 from drivebus.protocols.codec import Effect
 
 STOP_BITS = frozenset(STOP_COMMANDS)
@@ -148,9 +148,6 @@ class CommandBits:
         if direction is Direction.FORWARD and direction.value not in self.map.bits:
             return 0
         return self._bit(direction.value)
-
-
-MOTION_VALUES = frozenset({"start_forward", "start_reverse", "jog_forward", "jog_reverse"})
 
 
 class CommandValues:

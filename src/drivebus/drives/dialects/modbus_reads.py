@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from drivebus.errors import ConfigurationError
 from drivebus.profiles.model import DriveProfile, ModbusFeatures, Parameter, Signal
-from drivebus.profiles.spaces import BIT_SPACES, READ_FUNCTIONS, SYNC_READ_COUNT
+from drivebus.profiles.spaces import BIT_SPACES, READ_FUNCTION_BY_SPACE, SYNC_READ_COUNT
 from drivebus.profiles.words import StatusMap
 from drivebus.protocols.family import Locator
 from drivebus.protocols.modbus import BitValues, ReadBits, ReadRegisters, RegisterValues
@@ -17,7 +17,7 @@ MAX_MERGE_PERIOD_RATIO = 4.0
 """Registers whose periods differ by more are not merged."""
 MAX_BITS = 16
 """Coils of one read: every station that has coils allows so many, and a status word has no more."""
-SPACES = {function: space for space, function in READ_FUNCTIONS.items()}
+SPACES = {function: space for space, function in READ_FUNCTION_BY_SPACE.items()}
 """Function of a read to the space that it reads."""
 SYNC_SPACES = ("holding", "input")
 """Spaces whose reads can be sync probes, in order of preference: a reply of bits has its length in octets only."""
@@ -42,7 +42,7 @@ class Span(NamedTuple):
     def request(self, address: int) -> ReadRequest:
         """Return the request that reads the span."""
         kind = ReadBits if self.space in BIT_SPACES else ReadRegisters
-        return kind(address, self.start, self.length, READ_FUNCTIONS[self.space])
+        return kind(address, self.start, self.length, READ_FUNCTION_BY_SPACE[self.space])
 
 
 def span_of(entry: Signal | Parameter) -> Span:

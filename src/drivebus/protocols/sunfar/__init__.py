@@ -29,7 +29,6 @@ from drivebus.protocols.sunfar.messages import (
     monitor_index,
     monitor_item,
     parameter_name,
-    parse_parameter,
 )
 
 __all__ = [
@@ -56,5 +55,4 @@ __all__ = [
     "monitor_index",
     "monitor_item",
     "parameter_name",
-    "parse_parameter",
 ]

@@ -100,15 +100,6 @@ def parameter_name(group: int, item: int) -> str:
     return f"F{GROUP_LETTERS[group]}.{item}"
 
 
-def parse_parameter(notation: str) -> tuple[int, int]:
-    """Return (group, item) of a notation such as ``F1.10`` or ``FC.3``. Raises ValueError for anything else."""
-    head, _, item = notation.strip().upper().partition(".")
-    known = len(head) == 2 and head[0] == "F" and head[1] in GROUP_LETTERS
-    if not (known and item.isascii() and item.isdigit() and int(item) <= 0xFF):
-        raise ValueError(f"{notation!r}: expected a parameter such as F0.1 or FC.12")
-    return GROUP_LETTERS.index(head[1]), int(item)
-
-
 def monitor_item(index: int, coding: MonitorIndexCoding = "binary") -> int:
     """Return the item field of monitor d.``index``: binary (d.15 → 0FH) or, as the manual prints it, BCD (15H)."""
     limit = 0xFF if coding == "binary" else 99
