@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
 from itertools import islice
 from types import ModuleType
 from typing import Annotated, Any, Generic, TypeVar
@@ -216,10 +217,8 @@ class Operation:
             raise params_error(self.name, pydantic_faults(faults)) from error
 
     def all_param_schemas(self) -> Json:
-        """Return the JSON schemas of the parameters, by name, without references."""
-        schema = self.params.model_json_schema()
-        schemas: Json = _without_references(schema.get("properties", {}), schema.get("$defs", {}))
-        return schemas
+        """Return the JSON schemas of the parameters, by name, without references. They must not be changed."""
+        return _param_schemas(self.params)
 
     def param_schemas(self) -> Json:
         """Return the JSON schemas of the parameters outside the path, by name."""
@@ -229,6 +228,13 @@ class Operation:
         """Return the names of ``param_schemas`` that must be given."""
         required = self.params.model_json_schema().get("required", [])
         return [name for name in required if name not in self.path_params]
+
+
+@cache  # every request with a query needs them
+def _param_schemas(params: type[BaseModel]) -> Json:
+    schema = params.model_json_schema()
+    schemas: Json = _without_references(schema.get("properties", {}), schema.get("$defs", {}))
+    return schemas
 
 
 def _without_references(value: Any, definitions: Json) -> Any:
