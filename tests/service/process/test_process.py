@@ -18,6 +18,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 
 from drivebus import i18n
@@ -25,8 +26,11 @@ from drivebus.cli.commands import stop
 from drivebus.cli.errors import ExitCode, exit_code_of
 from drivebus.errors import AuditUnavailable, ConfigurationError, StopUnconfirmed
 from drivebus.service.auth.actor import local_actor
+from drivebus.service.auth.rights import Role
+from drivebus.service.auth.users import UserFile
 from drivebus.service.ipc.client import SocketClient
 from drivebus.service.ipc.protocol import SERVICE_SOCKET, STOP_SOCKET, socket_path
+from fixtures.running_service import token, user_database
 from fixtures.service import WIDEST_LIMITS
 
 COMMAND = [sys.executable, "-m", "drivebus"]
@@ -284,6 +288,45 @@ def test_a_killed_web_process_is_started_again_and_the_service_goes_on(tmp_path:
         process.communicate(timeout=20)
         assert process.returncode == 0
         assert not Path(f"/proc/{another}").exists()
+
+
+def test_the_page_can_stop_drives_until_the_stops_of_an_ending_service_are_done(tmp_path: Path) -> None:
+    """It was gone at once: for up to three seconds no page could stop a drive that the service leaves running."""
+    held = '[drive.fan-2]\nbus = "a"\naddress = 2\nmodel = "c320"\non_service_stop = "hold"\n'
+    file, state = write(tmp_path, held), tmp_path / "state"
+    file.write_text(file.read_text().replace("ramp=0.5", "ramp=20"))
+    UserFile(state / "users.json").change(lambda _: user_database())
+    with running_service(file) as process:
+        assert process.stdout is not None
+        page = process.stdout.readline().strip() + "/api/v1"
+
+        def request(method: str, path: str, **more: Any) -> httpx.Response:
+            """Send a request on a connection of its own."""
+            headers = {"Authorization": f"Bearer {token(Role.OPERATOR)}"}
+            return httpx.request(method, page + path, headers=headers, timeout=20, **more)
+
+        async def start() -> None:
+            client = SocketClient(state / "plant.sock")
+            for drive, frequency_hz in (("fan-1", 40.0), ("fan-2", 1.0)):
+                await wait_until_stopped(client, drive)
+                await client.call("waiver.grant", {"drive": drive, "reason": "test bench"}, ME)
+                await client.call("drive.run", {"drive": drive, "frequency_hz": frequency_hz}, ME)
+            await asyncio.sleep(3)
+            await client.close()
+
+        asyncio.run(start())
+        process.send_signal(signal.SIGTERM)
+        time.sleep(0.7)  # the web process used to end within this time
+        assert request("GET", "/drives/fan-1").json()["state"] == "decelerating"
+        refused = request("POST", "/drives/fan-2/lease")
+        assert (refused.status_code, refused.json()["error"]["code"]) == (503, "plant.stopping")
+        with suppress(httpx.HTTPError):  # on a slow machine the service ends before this stop is confirmed
+            request("POST", "/drives/fan-2/stop", json={})
+        _, errors = process.communicate(timeout=20)
+        assert process.returncode == ExitCode.UNKNOWN
+    assert "fan-1: its stop was sent and it was decelerating" in errors and "hard-wired stop" not in errors
+    trail = [json.loads(line) for line in (state / "audit.jsonl").read_text().splitlines()]
+    assert [one["target"] for one in trail if one["what"] == "drive.stop" and one["frames"]] == ["fan-2"]
 
 
 def children(pid: int) -> list[int]:

@@ -39,6 +39,7 @@ def _serve(plant: str, without: tuple[str, ...], log: LogFormat) -> ExitCode:
 
 
 async def _run(config: PlantConfig, without: tuple[str, ...], log: LogFormat) -> ExitCode:
+    from drivebus.service.control.stops import DECELERATING
     from drivebus.service.process.logging_setup import LOG
     from drivebus.service.process.main import run_service
 
@@ -53,7 +54,8 @@ async def _run(config: PlantConfig, without: tuple[str, ...], log: LogFormat) ->
     )
     unconfirmed = [drive for drive, outcome in outcomes.items() if outcome is None or "status" not in outcome]
     for drive in unconfirmed:
-        LOG.error(output.text("serve.unconfirmed"), extra={"event": {"kind": "stop", "drive": drive}})
+        key = "serve.decelerating" if outcomes[drive] == DECELERATING else "serve.unconfirmed"
+        LOG.error(output.text(key), extra={"event": {"kind": "stop", "drive": drive}})
     return ExitCode.UNKNOWN if unconfirmed else ExitCode.DONE
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from drivebus.drives import stop_bus
 from drivebus.drives.bus_stop import StopReport
+from drivebus.drives.state import DriveState
 from drivebus.errors import DrivebusError
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import error_to_json, outcome_json
@@ -24,6 +25,8 @@ from drivebus.values import Text
 
 SERVICE_STOP_TIMEOUT_S = 2.8
 """An ending service reports the outcome of its stops within three seconds, confirmed or not."""
+DECELERATING: Json = {"state": DriveState.DECELERATING.value}
+"""In place of the outcome of a stop that was not awaited."""
 SERVICE_STOP_CHECK_S = 0.05  # between two checks of outcomes and first reads
 
 
@@ -107,8 +110,9 @@ class StopCommands:
         """Stop what this service started or adopted, unless the drive's ``on_service_stop`` is ``hold``.
 
         A drive that has not been read yet is stopped as soon as its first read shows it running, and a stop that is
-        under way is waited for. Return the outcome of each stop of the service, and None for each stop that is not
-        confirmed within the timeout; any other drive that may be running becomes an event.
+        under way is waited for. Return the outcome of each stop of the service; for each stop that is not confirmed
+        within the timeout ``DECELERATING`` where the drive reports that, else None. Any other drive that may be running
+        becomes an event.
         """
         plant = self.plant
         timeout_at = plant.now() + SERVICE_STOP_TIMEOUT_S
@@ -122,12 +126,14 @@ class StopCommands:
             if all(task.done() for task in stops.values()) and not awaited:
                 break
             await asyncio.sleep(SERVICE_STOP_CHECK_S)
-        outcomes = {runtime.id: task.result() if task.done() else None for runtime, task in stops.items()}
+        outcomes = {
+            runtime.id: task.result() if task.done() else _unfinished(runtime) for runtime, task in stops.items()
+        }
         for runtime in plant.drives.values():
             if runtime in stops:
                 continue
             if runtime.drive.stopping:
-                outcomes[runtime.id] = None
+                outcomes[runtime.id] = _unfinished(runtime)
             elif key := _left_running(runtime):
                 plant.publish_event("not_stopped", runtime.id, key, actor=actor.name)
         for task in stops.values():  # the stops have been sent; their confirmation is not waited for
@@ -140,6 +146,11 @@ def _stops_with_service(runtime: DriveRuntime) -> bool:
     """Return whether an ending service stops a drive: by its policy, or because it would stay in a ramp hold."""
     by_policy = runtime.runs_for_service and runtime.config.on_service_stop is OnServiceStop.STOP
     return by_policy or runtime.ramp_holds > 0
+
+
+def _unfinished(runtime: DriveRuntime) -> Json | None:
+    """Return ``DECELERATING`` for a drive that obeys the stop that was sent: its ramp takes longer than the end."""
+    return DECELERATING if runtime.decelerating else None
 
 
 def _left_running(runtime: DriveRuntime) -> str | None:

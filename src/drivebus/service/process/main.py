@@ -50,9 +50,9 @@ async def run_service(
 ) -> Json:
     """Run the service until SIGTERM or Ctrl-C; return the outcome of the last stop of each drive that it had started.
 
-    ``without`` names gateways that are not started. ``reloads_on_hangup`` False: SIGHUP ends it too. An outcome is None
-    where it was not known in time. Raises ConfigurationError: the service runs already, its directory or socket can't
-    be used, others could write its files.
+    ``without`` names gateways that are not started. ``reloads_on_hangup`` False: SIGHUP ends it too. Outcomes: see
+    ``StopCommands.stop_started_drives``. Raises ConfigurationError: the service runs already, its directory or socket
+    can't be used, others could write its files.
     """
     raise_file_limit()
     loop = asyncio.get_running_loop()
@@ -77,7 +77,10 @@ async def run_service(
             on_ready(service)
             await ending.wait()
             notify.send("STOPPING=1")
-            outcomes, _ = await asyncio.gather(service.stop(), gateways.close())
+            try:
+                outcomes = await service.stop()
+            finally:
+                await gateways.close()  # only now: until its drives are stopped, the page can stop them, too
     return outcomes
 
 

@@ -143,6 +143,12 @@ class DriveRuntime:
         return self.last_known_turning if status is None else status.state.turning
 
     @property
+    def decelerating(self) -> bool:
+        """Whether it reports that it decelerates."""
+        status = self._status_or_none()
+        return status is not None and status.state is DriveState.DECELERATING
+
+    @property
     def state_is_unknown(self) -> bool:
         """Whether its state is not known now, also because its status can't be made."""
         status = self.status_or_none()
