@@ -124,8 +124,9 @@ class Plant:
     control_requests: ControlRequests = field(default_factory=ControlRequests)
     arm_tokens: ArmTokens = field(default_factory=ArmTokens)
     stop_counts: Counter[str] = field(default_factory=Counter)
-    control_end_counts: Counter[str] = field(default_factory=Counter)
     """Drive → number of its stop requests: a command with an older count is superseded. A reload keeps it."""
+    control_end_counts: Counter[str] = field(default_factory=Counter)
+    """Drive → how often a session has ceased to control it."""
     state: str = "running"
     started_ms: int = 0
     last_stop_all: Json | None = None
