@@ -145,7 +145,7 @@ class DriveRuntime:
     @property
     def decelerating(self) -> bool:
         """Whether it reports that it decelerates."""
-        status = self._status_or_none()
+        status = self.status_or_none()
         return status is not None and status.state is DriveState.DECELERATING
 
     @property
