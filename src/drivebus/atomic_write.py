@@ -19,7 +19,7 @@ _CREATE_FLAGS = (
 
 
 def atomic_write(path: Path, content: bytes, mode: int = 0o666) -> None:
-    """Replace a file; durable on return. A power cut leaves the old content or the new, never a part.
+    """Replace a file; durable on return: a power cut leaves the old content or the new, never a part.
 
     Raises OSError; then the old file is unchanged and no other is left. One writer at a time: the remains of a killed
     writer are removed.

@@ -136,11 +136,11 @@ def drive_command(
     stays_attached: bool = False,
     examples: tuple[str, ...],
 ) -> CliCommand:
-    """Make a command: ``execute(target, **extra)`` runs it, ``plan(dry, **extra)`` prints its frames.
+    """Return a command: ``execute(target, **extra)`` runs it, ``plan(dry, **extra)`` prints its frames.
 
     With ``on_group(service, group, **extra)`` it has ``--group``, for all drives of a group of a service.
-    ``stops``: it is a stop, and an error that keeps it from being sent is reported as one of a stop.
-    ``stays_attached``: its motor runs while it prints, so that it never waits for the reader of its output.
+    ``stops``: an error that keeps the frame from being sent is reported as one of a stop; ``stays_attached``: the motor
+    runs while the command prints, so that it never waits for the reader of its output.
     """
 
     def run_stop(**given: Any) -> ExitCode:

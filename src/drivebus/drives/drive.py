@@ -215,7 +215,7 @@ class Drive:
         requested_at: float | None = None,
         on_progress: Callable[[DriveStatus], None] | None = None,
     ) -> Outcome:
-        """Run at ``frequency_hz``. ``direction`` None is forward (DF800: as the drive is set).
+        """Run at ``frequency_hz``, without ``direction`` forward (DF800: as the drive is set).
 
         ``wait``: return when the drive reports running at that frequency, within ``timeout_s`` (None: from its ramp,
         and as long as its speed approaches); ``on_progress`` is called with every status that is read meanwhile.

@@ -49,7 +49,7 @@ class MemoryStore:
 
 
 class FileStore:
-    """Store in a file. ``put`` and ``update`` return when the value would survive a power cut.
+    """Store in a file; ``put`` and ``update`` return when the value would survive a power cut.
 
     Several programs may use one file: each change reads it again under a lock. Raises ConfigurationError where the file
     has another format, or can't be read or written: counters never start again from nothing.

@@ -51,11 +51,11 @@ DecodeResult = Incomplete | DecodedFrame
 
 
 class Codec(Protocol):
-    """Encoding of a protocol, master and station side. A frame must begin at offset 0; nothing is searched.
+    """Encoding of a protocol, master and station side.
 
-    Decoding depends on its arguments alone: equal bytes for an equal request have one result, which may be cached. It
-    raises only subclasses of ``drivebus.errors.ProtocolError``, for any bytes, and gives the same result whole or byte
-    by byte.
+    Decoding depends on its arguments alone, so that its result may be cached: a frame begins at offset 0, nothing is
+    searched, and the result is the same whole or byte by byte. It raises only subclasses of
+    ``drivebus.errors.ProtocolError``, for any bytes.
     """
 
     family: str
@@ -77,15 +77,18 @@ class Codec(Protocol):
         ...
 
     def encode_reply(self, reply: Any, /) -> bytes:
-        """Return the canonical bytes of a reply."""
+        """Return the canonical bytes of a reply. Raises ValueError for a field out of range."""
         ...
 
     def decode_request(self, data: bytes, /) -> DecodeResult:
-        """Decode the request that begins at offset 0 (station side)."""
+        """Decode the request that begins at offset 0 (station side). Raises ProtocolError where none does."""
         ...
 
     def decode_reply(self, request: Any, data: bytes, /) -> DecodeResult:
-        """Decode the reply to a request (master side). An error reply of the drive is a message, not an exception."""
+        """Decode the reply to a request (master side); an error reply of the drive is a message.
+
+        Raises ProtocolError where no such reply begins at offset 0.
+        """
         ...
 
     def reply_size(self, request: Any, /) -> int:

@@ -91,10 +91,10 @@ def clear_simulated_buses() -> None:
     _named_buses.clear()
 
 
-def open_port(url: Any) -> SimPort:
-    """Return the port of a ``sim://MODEL@ADDRESSES`` URL, not yet opened. Raises PortUrlError or ConfigurationError.
+def open_port(url: Any) -> SimPort:  # PortUrl is of a package that the simulator must not import
+    """Return the port of a ``sim://MODEL@ADDRESSES`` URL (``drivebus.ports.url.PortUrl``), not yet opened.
 
-    ``url`` is a ``drivebus.ports.url.PortUrl``, which this package does not import. Options: seed, line_quality, name,
+    Raises PortUrlError or ConfigurationError. Options: seed, line_quality, name,
     echo, load, ramp (seconds), drives (serial settings of the stations, ``19200-8E1``, where the master's are wrong on
     purpose), and the options of the models (``direction_field``, …).
     """

@@ -58,11 +58,11 @@ def check_codec(
     garbage_frames: int = 300,
     seed: int = 1,
 ) -> CodecReport:
-    """Check a codec against known exchanges. Raises CodecFault at the first violation.
+    """Check a codec against known exchanges, and ``garbage_frames`` random frames for each direction of each exchange.
 
-    ``request_of`` extracts the request from the message of ``decode_request``. Without ``detects_flips``, as of a
+    ``request_of`` extracts the request from the message of ``decode_request``; without ``detects_flips``, as of a
     protocol without a checksum, accepted flips are reported; with ``allows_leading_noise`` the codec may skip noise.
-    ``garbage_frames``: random frames for each direction and exchange.
+    Raises CodecFault at the first violation.
     """
     report, checks = CodecReport(), _CodecChecks(codec, request_of, Random(seed), garbage_frames)
     exchanges = tuple(exchanges)

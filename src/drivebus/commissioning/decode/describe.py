@@ -32,8 +32,8 @@ def describe_frame(
     """Describe one frame by a profile, or by the name or file of one, whatever its bytes are.
 
     Without ``encoding`` the first byte decides; without ``direction`` a frame is a response where its ``request`` is
-    given, else its shape decides. A response without its request has ``interpretations``.
-    Raises ProfileError for an unknown model, ConfigurationError for an encoding or direction that it can't have.
+    given, else its shape decides, and a response has ``interpretations``. Raises ProfileError for an unknown model,
+    ConfigurationError for an encoding or direction that it can't have.
     """
     loaded = profile if isinstance(profile, DriveProfile) else profiles.load(profile)
     describe = resolve(protocol_family(loaded.family).describe)

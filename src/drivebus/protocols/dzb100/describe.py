@@ -76,8 +76,8 @@ def describe(
 ) -> FrameDescription:
     """Describe a frame; a reply against its ``request`` frame where given. Never raises for any bytes.
 
-    Without ``direction`` byte 2 decides: 01 and 02 are requests. In a C frame they may also be the state digit of a
-    reply, which ``interpretations`` then lists.
+    Without ``direction`` byte 2 decides: 01 and 02 are requests, and ``interpretations`` lists the reply of head C
+    whose state digit they may be.
     """
     guessed = direction is None
     direction = direction or ("request" if request is None and data[2:3] in (b"\x01", b"\x02") else "response")

@@ -39,7 +39,7 @@ def build_frame(octets: bytes) -> bytes:
 
 
 def check_frame(frame: bytes) -> bytes:
-    """Return the octets of a whole frame. Raises TerminatorError, AlphabetError or ChecksumError."""
+    """Return the octets of a whole frame, without its LRC. Raises TerminatorError, AlphabetError or ChecksumError."""
     if not frame.endswith(END_MARK):
         raise TerminatorError("modbus.terminator", expected="0D 0A", found=frame[-2:].hex(" ").upper())
     octets = hex_bytes(frame[1:-2], start=1)
@@ -97,11 +97,8 @@ class ModbusAsciiCodec:
         """Return the octets of a reply; a short error has CR LF where a write acknowledgement has digits."""
         head = hex_bytes(frame[1:7], start=1)
         length = pdu.reply_length(request, head, short=self._short_errors)
-        if (
-            self._short_errors and head[2] == 0 and frame[9:11] == END_MARK
-        ):  # for other functions the length is 3 already
-            return 3
-        return length
+        is_short_error = self._short_errors and head[2] == 0 and frame[9:11] == END_MARK
+        return 3 if is_short_error else length
 
     def decode_request(self, data: bytes, /) -> DecodeResult:
         """Decode the request at offset 0. Raises IllegalRequest where a station answers with an exception."""

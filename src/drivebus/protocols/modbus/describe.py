@@ -41,13 +41,13 @@ def describe(
     encoding: str,
     direction: FrameDirection | None = None,
     request: bytes | None = None,
-    error_form: ErrorForm = "exception",
+    error_form: ErrorForm = "exception",  # this and the next one as in ``ModbusRtuCodec``
     count_bytes: int = 1,
 ) -> FrameDescription:
     """Describe a frame; a response against its ``request``, or without one by its own fields. Never raises.
 
     Without ``direction`` it is a response where its request is given, else its shape decides; bytes that may be a
-    request or its echo are described as a request. ``error_form`` and ``count_bytes`` are those of the codec.
+    request or its echo are described as a request.
     """
     form = ReplyForm(error_form, count_bytes)
     if direction is None and request is None:

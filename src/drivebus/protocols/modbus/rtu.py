@@ -56,13 +56,7 @@ def check_frame(data: bytes, size: int) -> bytes:
 
 
 class ModbusRtuCodec:
-    """Modbus RTU for masters and stations.
-
-    ``error_form`` "short" accepts the errors of DF800 (function unchanged, one byte 00) besides standard exceptions,
-    and sends them for ``ExceptionReply.code`` None. ``max_read`` is the most registers of one read (VC660: 4).
-    ``count_bytes`` 2: the byte count in the reply to a read has two bytes (Huanyang H2A). ``rejected_read``: a read of
-    so many registers is answered by exception 03 alone, and no other read is (Toshiba VF-S11: 2); 0 for none.
-    """
+    """Modbus RTU for masters and stations."""
 
     family: str = "modbus"
     encoding: str = "rtu"
@@ -77,9 +71,14 @@ class ModbusRtuCodec:
         rejected_read: int = 0,
     ) -> None:
         self.error_form: ErrorForm = error_form
+        """With "short" the errors of DF800 (function unchanged, one byte 00) are accepted besides standard exceptions,
+        and sent for ``ExceptionReply.code`` None."""
         self.max_read = max_read
+        """Most registers of one read (VC660: 4)."""
         self.count_bytes = count_bytes
+        """Bytes of the byte count in the reply to a read (Huanyang H2A: 2)."""
         self.rejected_read = rejected_read
+        """Registers of a read that exception 03 alone answers, and no other read (Toshiba VF-S11: 2); 0 for none."""
         self._short_errors = error_form == "short"
 
     def encode_request(self, request: ModbusRequest, /) -> bytes:

@@ -52,11 +52,10 @@ from drivebus.protocols.sunfar.messages import (
 
 
 class SunfarCodec:
-    """Encoding of the Sunfar protocol.
+    """Encoding of the Sunfar protocol. Its options affect decoding only: frames are written canonically.
 
-    ``digits`` "tolerant" also reads 3AH-3FH and a-f as A-F. ``nibble`` also reads hex frames with one nibble a byte;
-    ``nibble_data`` then marks replies whose data are ambiguous. Both affect decoding only: frames are written
-    canonically.
+    ``digits`` "tolerant" also reads 3AH-3FH and a-f as A-F; ``nibble`` also reads hex frames with one nibble a byte,
+    and ``nibble_data`` then marks replies whose data are ambiguous.
     """
 
     family = "sunfar"
@@ -96,10 +95,10 @@ class SunfarCodec:
         return build(READ_LAYOUT, request.address, request.frame_class, SunfarOperation.NONE, group, item)
 
     def decode_reply(self, request: SunfarRequest, data: bytes) -> DecodeResult:
-        """Decode the reply to ``request``: checks head, address, echoed fields, codes, digits, checksum and end mark.
+        """Decode the reply to ``request``; a rejection is a ``SunfarReply`` with its response code.
 
-        A rejection is a ``SunfarReply`` with its response code. AddressError has ``size`` where another station's frame
-        is whole and valid. Bytes after the frame are ignored.
+        Raises ProtocolError where head, address, echoed fields, codes, digits, checksum or end mark are wrong;
+        AddressError has ``size`` where another station's frame is whole and valid.
         """
         size = expected_reply_size(self._format, data)
         if len(data) < size:

@@ -187,10 +187,11 @@ _USER_DATABASE_ADAPTER = TypeAdapter(UserDatabase)
 
 
 class UserFile:
-    """File of the user database, private to its owner. Programs may share it: each change re-reads it under a lock.
+    """File of the user database, private to its owner.
 
-    Raises ConfigurationError if it cannot be read or written or has another content; it is never replaced by an empty
-    one. Users and tokens that another program changed are used and logged.
+    Programs may share it: each change re-reads it under a lock, and what another program changed is used and logged.
+    Raises ConfigurationError if it cannot be read or written or has another content: it is never replaced by an empty
+    one.
     """
 
     def __init__(self, path: Path) -> None:

@@ -63,10 +63,10 @@ def loads(
     may_read_model: Callable[[Path], bool] = lambda path: True,
     history_url: str | None = None,
 ) -> PlantConfig:
-    """Load a plant from a text. Relative paths start from ``base``, else from here. Raises like ``load``.
+    """Load a plant from a text, with relative paths from ``base``, else from here. Raises like ``load``.
 
-    A profile file that ``may_read_model`` refuses is an error of the text. ``history_url`` is the database in use: its
-    redacted form in the text stands for it.
+    A profile file that ``may_read_model`` refuses is an error of the text; the redacted form of ``history_url``, the
+    database in use, stands for it in the text.
     """
     return _parse(text.encode(), source, (base or Path()).resolve(), may_read_model, history_url)
 

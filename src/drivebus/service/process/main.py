@@ -48,11 +48,11 @@ async def run_service(
     on_ready: Callable[[Service], None] = lambda service: None,
     reloads_on_hangup: bool = True,
 ) -> Json:
-    """Run the service until SIGTERM or Ctrl-C; return the outcome of the last stop of each drive that it had started.
+    """Run the service until a signal; return the outcomes of ``StopCommands.stop_started_drives``.
 
-    ``without`` names gateways that are not started. ``reloads_on_hangup`` False: SIGHUP ends it too. Outcomes: see
-    ``StopCommands.stop_started_drives``. Raises ConfigurationError: the service runs already, its directory or socket
-    can't be used, others could write its files.
+    ``without`` names gateways that are not started; ``reloads_on_hangup`` False: SIGHUP ends it, as SIGTERM does.
+    Raises ConfigurationError: the service runs already, its directory or socket can't be used, others could write its
+    files.
     """
     raise_file_limit()
     loop = asyncio.get_running_loop()

@@ -40,11 +40,10 @@ class ConfigurationCheck:
         self._busy = False
 
     async def check(self, text: str, running: PlantConfig, unstarted: Collection[str] = ()) -> Json:
-        """Return every fault of a text, or what it would change in the running configuration.
+        """Return every fault of a text, or what it would change; the service does not start ``unstarted`` gateways.
 
-        ``unstarted`` are the enabled gateways that the service does not start. Raises ConfigurationError for too many
-        drives, ServiceUnavailable while another check is under way or when the service ends, ServiceError for a check
-        that takes too long or fails. Cancelled, it ends the process.
+        Raises ConfigurationError for too many drives, ServiceUnavailable while another check is under way or when the
+        service ends, ServiceError for a check that takes too long or fails. Cancelled, it ends the process.
         """
         drives = len(_DRIVE_TABLE.findall(text))
         if drives > MAX_CHECKED_DRIVES:

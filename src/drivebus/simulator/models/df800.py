@@ -46,11 +46,7 @@ def parameter_specs(address: int, encoding: str) -> dict[int, ParameterSpec]:
 
 
 class DF800Station(SimulatedStation):
-    """Simulated DF800, with settings for what the supplement leaves open.
-
-    ``direction_field``: the left digit is b3 or b2. ``accepts_broadcast``: not mentioned. ``reads_command``: one table
-    reads 2000H, another marks it write-only.
-    """
+    """Simulated DF800, with settings for what the supplement leaves open."""
 
     broadcast: ClassVar[int] = 0
     ramp_keys: ClassVar[tuple[int, int]] = (ACCEL_TIME, DECEL_TIME)
@@ -61,9 +57,9 @@ class DF800Station(SimulatedStation):
         address: int,
         *,
         encoding: Literal["ascii", "rtu"] = "rtu",
-        direction_field: Literal["b3b2", "b2b3"] = "b3b2",
-        accepts_broadcast: bool = False,
-        reads_command: bool = False,
+        direction_field: Literal["b3b2", "b2b3"] = "b3b2",  # the left digit of the printed field is b3 or b2
+        accepts_broadcast: bool = False,  # the supplement does not mention broadcasts
+        reads_command: bool = False,  # one table reads 2000H, another marks it write-only
         delay_s: float = 0.005,
         motor: Motor | None = None,
     ) -> None:

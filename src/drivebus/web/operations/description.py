@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pydantic import Field
+
 from drivebus.service.api.operations import Operation
 from drivebus.service.api.operations.operation import ApiObject
 from drivebus.service.auth.rights import AccessLevel, Right
@@ -10,16 +12,19 @@ from drivebus.values import Text
 
 
 class HealthResponse(ApiObject):
-    """Answer of the gateway; ``ok`` is false, with status 503, where the service does not answer within 2 s.
+    """Answer of the gateway.
 
-    ``write_failure_count``: number of files that the service can't write at present, the history included. Drives are
-    stopped all the same, and started while the audit trail can be written. ``write_failures``, their names as in the
-    state of the plant, is only in the answer to a credential with the right ``view``.
+    Drives are stopped where files can't be written too, and started while the audit trail can be written.
     """
 
-    ok: bool
-    write_failure_count: int = 0
-    write_failures: list[str] = []
+    ok: bool = Field(description="false, with status 503, where the service does not answer within 2 s")
+    write_failure_count: int = Field(
+        default=0, description="number of files that the service can't write at present, the history included"
+    )
+    write_failures: list[str] = Field(
+        default=[],
+        description="their names as in the state of the plant, only in the answer to a credential with the right view",
+    )
 
 
 class OpenApiResponse(ApiObject):

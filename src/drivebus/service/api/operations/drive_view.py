@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from pydantic import Field
+
 from drivebus.protocols.family import JogFrequency
 from drivebus.service.api.operations.operation import ApiObject, LocalizedText
 from drivebus.service.api.operations.outcomes import ErrorObject
@@ -74,14 +76,7 @@ class StartBlockerObject(ApiObject):
 
 
 class DriveObject(ApiObject):
-    """Present state of one drive.
-
-    Its state and its most polled signal are read every ``poll_interval_s``; ``requested_interval_s`` is the period that
-    its model or ``signals`` of the plant file asks for, which is shorter where the bus cannot carry it.
-    ``setpoint_cap_hz``: highest frequency that is sent until the scale of its setpoint is calibrated, within its limits
-    ``minimum_hz`` and ``maximum_hz``; null: no cap holds. ``above_limit_hz``: frequency at which it runs or to which it
-    was set, where that is above ``maximum_hz``, else null.
-    """
+    """Present state of one drive."""
 
     id: str
     title: LocalizedText | None
@@ -100,8 +95,12 @@ class DriveObject(ApiObject):
     commanded_hz: float | None
     minimum_hz: float
     maximum_hz: float
-    above_limit_hz: float | None
-    setpoint_cap_hz: float | None
+    above_limit_hz: float | None = Field(
+        description="frequency at which it runs or to which it was set, where that is above maximum_hz"
+    )
+    setpoint_cap_hz: float | None = Field(
+        description="highest frequency that is sent until the scale of its setpoint is calibrated; null: no cap holds"
+    )
     comm_loss: CommLossObject
     lease: LeaseObject | None
     control_request: ControlRequestObject | None
@@ -113,7 +112,9 @@ class DriveObject(ApiObject):
     signals: dict[str, SignalObject]
     time_ms: int
     state_time_ms: int | None
-    poll_interval_s: float | None
-    requested_interval_s: float | None
+    poll_interval_s: float | None = Field(description="period at which its state and its most polled signal are read")
+    requested_interval_s: float | None = Field(
+        description="period that its model or the plant file asks for, shorter where the bus cannot carry it"
+    )
     unusable_reply: ErrorObject | None
     jog_frequency: JogFrequency | None

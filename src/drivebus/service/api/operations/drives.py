@@ -122,10 +122,10 @@ WordText = Annotated[str, StringConstraints(max_length=6, pattern="^[0-9][0-9A-F
 
 
 class ParameterWriteParams(DriveParams):
-    """Parameters to write. ``save`` writes to EEPROM and needs the right ``save`` as well.
+    """Parameters to write.
 
     A value is a number in the unit of the parameter, or a text: ``0010H`` and ``0x10`` are the raw word, ``0010`` the
-    digits of a keypad. ``force`` confirms a write that is refused with ``ConfirmationRequired`` otherwise.
+    digits of a keypad.
     """
 
     values: Annotated[
@@ -141,8 +141,12 @@ class ParameterWriteParams(DriveParams):
         ),
         BeforeValidator(_check_number_of_writes),
     ]
-    save: bool = Field(default=False, examples=[False])
-    force: bool = Field(default=False, examples=[False])
+    save: bool = Field(
+        default=False, examples=[False], description="write to EEPROM too, which needs the right save as well"
+    )
+    force: bool = Field(
+        default=False, examples=[False], description="confirm a write that ConfirmationRequired refuses otherwise"
+    )
 
 
 class DrivesResponse(ApiObject):

@@ -50,19 +50,15 @@ class GroupProgressObject(ApiObject):
 
 
 class GroupObject(ApiObject):
-    """A group with its state. ``ratios``: each follower's share of the leader's frequency.
-
-    ``minimum_hz``, ``maximum_hz``: frequencies that the group accepts, by limits and ``setpoint_cap_hz`` of each drive
-    at its ratio. Where the maximum is below the minimum, it accepts none.
-    """
+    """A group with its state. It accepts no frequency where ``maximum_hz`` is below ``minimum_hz``."""
 
     id: str
     title: LocalizedText
     drives: list[str]
     leader: str | None
-    ratios: dict[str, float]
-    minimum_hz: float
-    maximum_hz: float
+    ratios: dict[str, float] = Field(description="each follower's share of the leader's frequency")
+    minimum_hz: float = Field(description="by the limits of each drive at its ratio")
+    maximum_hz: float = Field(description="by the limits and setpoint_cap_hz of each drive at its ratio")
     state: Literal["starting", "unknown", "running", "mixed", "stopped"]
     progress: GroupProgressObject | None
 

@@ -41,20 +41,25 @@ class TrendParams(OperationParams):
 
 
 class ExportParams(OperationParams):
-    """A part of an export. ``cursor`` is ``next`` of the part before; all parts one after another are the file.
-
-    ``layout`` and ``timezone`` are for CSV. ``wide`` has one column a tag (rollups: the mean) and one row a time,
-    without values of bad quality. ``timezone`` is the IANA name of the zone of the times, such as Asia/Shanghai.
-    """
+    """A part of an export; all parts one after another are the file."""
 
     tags: Tags
     from_ms: FromMs
     to_ms: ToMs
     resolution: Literal["raw", "1s", "1min", "1h"] = Field(default="raw", examples=["1s"])
     format: Literal["csv", "parquet"] = Field(default="csv", examples=["csv"])
-    layout: Literal["long", "wide"] = Field(default="long", examples=["wide"])
-    timezone: str = Field(default=UTC, pattern=r"^[A-Za-z][A-Za-z0-9_+/-]{0,63}$", examples=[UTC])
-    cursor: Cursor | None = None
+    layout: Literal["long", "wide"] = Field(
+        default="long",
+        examples=["wide"],
+        description="for CSV; wide: one column a tag (rollups: the mean) and one row a time, without bad values",
+    )
+    timezone: str = Field(
+        default=UTC,
+        pattern=r"^[A-Za-z][A-Za-z0-9_+/-]{0,63}$",
+        examples=[UTC],
+        description="IANA name of the zone of the times in CSV, such as Asia/Shanghai",
+    )
+    cursor: Cursor | None = Field(default=None, description="next of the part before")
 
 
 class TimeRangeParams(OperationParams):

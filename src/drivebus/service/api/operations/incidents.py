@@ -90,24 +90,19 @@ class CaptureObject(ApiObject):
 
 
 class IncidentResponse(IncidentSummaryObject):
-    """An incident as it was recorded, with what was added later.
-
-    ``raised`` and ``view`` are the alarm and the drive as that version of drivebus described them. ``parameters`` were
-    read afterwards, null where that failed. ``capture`` is null where its file can't be read, and
-    ``capture_problem`` says why.
-    """
+    """An incident as it was recorded, with what was added later."""
 
     before_s: float
-    raised: dict[str, Any]
-    view: dict[str, Any] | None
+    raised: dict[str, Any] = Field(description="the alarm, as the recording version of drivebus described it")
+    view: dict[str, Any] | None = Field(description="the drive, as the recording version of drivebus described it")
     signals: dict[str, IncidentSeriesObject]
     states: list[IncidentStateObject]
     events: list[EventObject]
     frames: list[IncidentFrameObject]
-    parameters: dict[str, ReadingObject] | None
+    parameters: dict[str, ReadingObject] | None = Field(description="read afterwards, null where that failed")
     notes: list[IncidentNoteObject]
-    capture: CaptureObject | None
-    capture_problem: LocalizedText | None
+    capture: CaptureObject | None = Field(description="null where its file can't be read")
+    capture_problem: LocalizedText | None = Field(description="reason why capture is null")
 
 
 class IncidentNotesResponse(ApiObject):
