@@ -1,10 +1,8 @@
 """Precise timer queue of an event loop, shared by all its buses.
 
-An asyncio loop on Linux sleeps in whole milliseconds and wakes 0.1 to 0.3 ms late; at 19,200 baud that is half a
-character gap. A timerfd wakes the loop's selector at the very microsecond. Where there is none (Windows, macOS,
-virtual loops) the loop's own ``call_at`` and its clock serve.
-
-The clock of a bus goes on while the system is suspended: a command that was queued before has expired afterwards.
+An asyncio loop on Linux sleeps in whole milliseconds and wakes 0.1 to 0.3 ms late, at 19,200 baud half a character gap,
+so a timerfd wakes its selector. Where there is none (Windows, macOS, virtual loops) the loop's own ``call_at`` and its
+clock serve.
 """
 
 from __future__ import annotations
@@ -91,6 +89,7 @@ class TimerQueue:
                     near.close()
                     raise
                 self.precise = True
+                # This clock goes on while the system is suspended: a command queued before has expired afterwards.
                 self.now = partial(time.clock_gettime, CLOCK_BOOTTIME)
                 return near, far
         return _LoopTimer(loop, self._run_due), _LoopTimer(loop, self._run_due)

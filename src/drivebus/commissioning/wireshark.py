@@ -1,8 +1,8 @@
-"""Export of a capture for Wireshark (pcapng), with each frame in a UDP datagram.
+"""Export of a capture for Wireshark (pcapng, see docs/how-to/wireshark.md), with each frame in a UDP datagram.
 
 Wireshark's Modbus RTU dissector learns the direction of a frame only from UDP ports; in a serial encapsulation it
 guesses, and leaves functions 05, 06 and 08 undecoded. Ports and addresses of the datagram (those for documentation,
-RFC 5737) therefore name sender and receiver; the octets of the frame are unchanged. See docs/how-to/wireshark.md.
+RFC 5737) therefore name sender and receiver; the octets of the frame are unchanged.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Interface of a port, which sends and receives bytes, and its capabilities.
 
-A port belongs to one event loop. Once opened it sends and receives until ``close()``, or until it is lost and calls
+A port of one event loop sends and receives once opened until ``close()``, or until it is lost and calls
 ``receiver.port_lost`` once. It may be opened again, and then finds its device by the identity that it remembers.
 """
 

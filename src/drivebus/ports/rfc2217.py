@@ -1,9 +1,8 @@
 """Serial servers with RFC 2217 (telnet COM-PORT option): the serial settings travel with the connection.
 
 ``TelnetClient`` is the codec without socket and clock (RFC 854, 855: negotiation; RFC 856: binary; RFC 2217: serial
-settings and line state), ``Rfc2217Port`` the port. A server that never acknowledges a setting does not block the
-opening: after ``NEGOTIATION_TIMEOUT_S`` the port opens and ``notes`` names what was not acknowledged. A server that
-acknowledges another value is rejected.
+settings and line state), ``Rfc2217Port`` the port. A server that acknowledges another value than the one set is
+rejected; where it acknowledges none, the port opens after ``NEGOTIATION_TIMEOUT_S`` and ``notes`` names the setting.
 """
 
 from __future__ import annotations

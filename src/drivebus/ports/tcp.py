@@ -2,9 +2,6 @@
 
 The serial settings are made on the server itself; the port URL has the same baud rate, because bus timing is computed
 from it. Line timing and parity checks are lost: the network batches bytes and no parity error is reported.
-
-The connection is dropped, with the bytes that it still holds, when the peer has accepted nothing for
-``TCP_STALL_TIMEOUT_S``, as a start could reach the drive long after it was requested.
 """
 
 from __future__ import annotations
@@ -30,7 +27,11 @@ _KEEPALIVE = {  # a vanished server is noticed within 11 s of silence, on Linux 
 
 
 class TcpConnection(asyncio.Protocol):
-    """TCP connection of a port. ``on_lost`` is called once, unless ``close`` was called first."""
+    """TCP connection of a port. ``on_lost`` is called once, unless ``close`` was called first.
+
+    It is dropped, with the bytes that it still holds, when the peer has accepted nothing for ``TCP_STALL_TIMEOUT_S``: a
+    start could reach the drive long after it was requested.
+    """
 
     def __init__(self, name: str, on_data: Callable[[bytes], None], on_lost: Callable[[PortLost], None]) -> None:
         self._name = name

@@ -1,7 +1,7 @@
 """Opening of a serial device on a POSIX system by blocking calls: find by identity, lock, configure, read back.
 
-The usual way to open a port from Python clears INPCK, so that the kernel passes a byte with bad parity as good; for
-DZB100 parity is the only check there is. Here INPCK | PARMRK is set on every real port and verified by reading back.
+INPCK | PARMRK is set on every real port and verified by reading back: without INPCK the kernel passes a byte with bad
+parity as good, and for DZB100 parity is the only check there is.
 
 A port keeps its device: an adapter that was ttyUSB0 and came back as ttyUSB1 is found, and another adapter that took
 the name ttyUSB0 is rejected, because a frame on the wrong bus can start the wrong motor.

@@ -1,11 +1,7 @@
 """Protocol families: one object per family, and the registry from which the rest of the package takes it.
 
-A family joins a codec, frame descriptions, a drive dialect, simulated drives and profiles under one name. No table
-elsewhere is keyed by family names: it would be a second place to edit.
-
-Built-in families are listed in ``BUILT_IN``. Another package registers its own with an entry point of the group
-``drivebus.families`` that names a ``ProtocolFamily``. This module is below ``profiles``, ``drives`` and ``simulator``,
-so a family names objects of those layers by import path (``package.module:attribute``), resolved on first use.
+No table elsewhere is keyed by family names. This module is below ``profiles``, ``drives`` and ``simulator``, so it names
+objects of those layers by import path (``package.module:attribute``), resolved on first use.
 """
 
 from __future__ import annotations
@@ -30,6 +26,7 @@ BUILT_IN: Final = (
     "drivebus.families.mitsubishi:FAMILY",
 )
 ENTRY_POINT_GROUP: Final = "drivebus.families"
+"""Entry points by which other packages register a family; each names a ``ProtocolFamily``."""
 
 Locator = tuple[str, int]
 """Address space and index within it; the family defines both."""

@@ -1,7 +1,7 @@
 """Framing of requests by the stations of one family: from characters and silence to one frame.
 
-A frame ends by its length (C320, DZB100, Modbus ASCII) or by silence (RTU). A parity or framing error corrupts its
-frame. A frame after too little silence is counted, and ignored where the manual says so.
+A frame ends by its length (C320, DZB100, Modbus ASCII) or by silence (RTU); a parity or framing error corrupts it. A
+frame after too little silence is counted, and ignored where the manual says so.
 """
 
 from __future__ import annotations

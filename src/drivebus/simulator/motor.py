@@ -1,9 +1,8 @@
 """Model of a motor and its power stage: ramps, slip, load, current, DC bus, heat, overload.
 
-It has no clock: ``dt`` is an argument. ``torque``, ``load`` and ``mains`` are per unit, other values SI.
-The output follows its ramp exactly; the rotor follows the output less its slip (quasi-static, so that any ``dt`` is
-stable); a free rotor coasts in closed form. Load torque is evaluated at synchronous speed, which errs by at most twice
-the slip.
+``torque``, ``load`` and ``mains`` are per unit, other values SI. The output follows its ramp exactly, the rotor the
+output less its slip (quasi-static, so that any ``dt`` is stable); load torque is evaluated at synchronous speed, which
+errs by at most twice the slip.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """``GET /metrics`` for Prometheus: the service's state in numbers, read for each scrape.
 
-Names follow Prometheus: base units, ``_total`` for counters, ``_ratio`` from 0 to 1. No label has unbounded values: ids
-stand in ``plant.toml``, signals in a profile, all others in this program. A value that is not known has no series:
+Names follow Prometheus (base units, ``_total`` for counters, ``_ratio`` from 0 to 1), and labels have few values:
+ids stand in ``plant.toml``, signals in a profile, all others in this program. A value that is not known has no series:
 neither 0 nor the last value.
 """
 

@@ -1,7 +1,7 @@
-"""Process of the simulated buses: each on a pty, with events as JSON lines on standard input.
+"""Process of the simulated buses, each on a pty: their times stay exact while another process draws the screen.
 
-The times on the buses stay exact while another process draws the screen. It ends with its input, so that a killed demo
-leaves nothing behind. Events: ``{"do": "unplug", "bus": 2}``, ``plug``, ``trip`` (with ``address``).
+It takes events as JSON lines on standard input: ``{"do": "unplug", "bus": 2}``, ``plug``, ``trip`` (with ``address``).
+It ends with its input, so that a killed demo leaves nothing behind.
 """
 
 from __future__ import annotations

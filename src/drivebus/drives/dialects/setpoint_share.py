@@ -1,6 +1,6 @@
 """Setpoint that is a share of the drive's maximum frequency: 10000 means the maximum, whatever that is set to.
 
-A wrong maximum is a wrong speed. It is read from the drive before each frequency where the profile names its parameter.
+A wrong maximum is a wrong speed, so it is read before each frequency where the profile names its parameter.
 Otherwise the profile states it, and a cap holds under the largest maximum that the model allows until the user confirms
 it with the option ``maximum_frequency``.
 """

@@ -1,7 +1,7 @@
 """Dialect of the Mitsubishi family.
 
-A reply does not name its request. A sync probe therefore differs from the requests before it in the number of digits of
-its reply, and the bus waits out a late reply where it does not. Parameters are not read: their instruction codes depend
+A reply does not name its request, so a sync probe differs from the requests before it in the number of digits of its
+reply, and the bus waits out a late reply where it does not. Parameters are not read: their instruction codes depend
 on a page that another master or an earlier request may have selected (HFF).
 """
 

@@ -2,8 +2,8 @@
 
     0 head C P R Q · 1 S = 03H · 2 A (request) or B (reply) · 3-4 address · 5-6 command, parameter or item · 7-10 data
 
-A frame always has 11 bytes and no end mark. Address and index are decimal ASCII digits, data hexadecimal ones. No
-check value detects a flipped bit, so head, S, B, address, index, digits and the echoed data must all match.
+A frame has 11 bytes and no end mark; address and index are decimal ASCII digits, data hexadecimal ones. No check value
+detects a flipped bit, so head, S, B, address, index, digits and the echoed data must all match.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Codec of Modbus ASCII: ':' , upper-case hex digits, LRC, CR LF.
 
-Decoding is strict at offset 0; lengths come from the fields, and CR LF is checked where it must stand. Only a request
-of an unknown function, which has no length, ends at the first CR LF. Source: Serial Line V1.02, 2.5.2; DF800 manual,
+Lengths come from the fields, and CR LF is checked where it must stand; only a request of an unknown function, which has
+no length, ends at the first CR LF. Source: Serial Line V1.02, 2.5.2; DF800 manual,
 ASCII frame table (17, 11+2N and 11 characters).
 """
 

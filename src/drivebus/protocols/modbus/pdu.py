@@ -1,8 +1,7 @@
 """Modbus requests and replies to octets and back, for a master and for a station, without check and framing.
 
-``octets`` in this package are the station address and the PDU: RTU sends them as they are, ASCII as digits. Lengths
-come from the first octets and, for a reply, from its request; nothing is searched. Source: Modbus Application Protocol
-V1.1b3, sections 6 and 7; VC660 manual section 5; DF800 frame tables.
+``octets`` are the station address and the PDU: RTU sends them as they are, ASCII as digits. Source: Modbus Application
+Protocol V1.1b3, sections 6 and 7; VC660 manual section 5; DF800 frame tables.
 """
 
 from __future__ import annotations

@@ -1,11 +1,7 @@
 """Codec of the Sunfar protocol: messages to frames and back, for a master and for a station.
 
-Decoding is strict and begins at offset 0; the length comes from the class or the response code, because the end mark
-is an ordinary byte of hex frames. Section numbers are those of the C320 manual.
-
-A reply does not say which request it answers: a read of F0.n or of monitor d.n, a RAM or an EEPROM write. A rejection
-with response 3, state 00 and data 0000 has the bytes of the echo of a class-3 write of 0. Both decode as rejected, so
-that an echo never passes for success; an echo with other data is an EchoError.
+The length comes from the class or the response code, because the end mark is an ordinary byte of hex frames. Section
+numbers are those of the C320 manual.
 """
 
 from __future__ import annotations
@@ -398,7 +394,11 @@ def _validate_control_reply(request: SunfarControl, reply: SunfarReply) -> Sunfa
 
 
 def _check_write_echo(request: SunfarWriteParameter, reply: SunfarReply) -> None:
-    """Check the data: a drive echoes them when done and sends 0000 when it rejects (section 3 (4), note)."""
+    """Check the data: a drive echoes them when done and sends 0000 when it rejects (section 3 (4), note).
+
+    A rejection with response 3, state 00 and data 0000 has the bytes of the echo of a class-3 write of 0: it counts as
+    rejected, so that an echo never passes for success.
+    """
     if reply.response is SunfarResponse.OK:
         if request.data not in (reply.data, reply.nibble_data):
             raise EchoError("protocols.sunfar.echo.data", expected=request.data, found=reply.data)

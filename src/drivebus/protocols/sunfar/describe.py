@@ -1,7 +1,7 @@
 """Descriptions of Sunfar frames for people: fields, errata, hazards and possible interpretations.
 
-The codec decides validity. This reader is tolerant: it also reads other digit spellings and one nibble a byte, reports
-them as errata, and shows the fields of a frame whose checksum or end mark is wrong. Never used on a bus.
+The codec decides validity. This reader, never used on a bus, also reads other digit spellings and one nibble a byte,
+reports them as errata, and shows the fields of a frame whose checksum or end mark is wrong.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Fields of a Sunfar frame to bytes and back; their meaning is in ``messages`` and ``codec``.
 
-A frame is head, fields, checksum (4 bytes), 0DH. A field has the same number of bytes in every encoding: ASCII hex
-digits after ``2AH``; right-aligned bytes after ``5AH`` (C320 manual 2.3); or one nibble a byte after ``5AH``, as
-sections 4.5 and 4.6 misprint it. Framing is by length: 0DH, 2AH and 5AH are ordinary bytes of hex frames.
+A frame is head, fields, checksum (4 bytes), 0DH, and 0DH, 2AH and 5AH are ordinary bytes of hex frames. A field has the
+same number of bytes in every encoding: ASCII hex digits after ``2AH``; right-aligned bytes after ``5AH`` (C320 manual
+2.3); or one nibble a byte after ``5AH``, as sections 4.5 and 4.6 misprint it.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Installed gateways: the object that declares one, and the schema of ``plant.toml`` with their tables.
 
 A gateway connects other programs to the service, as a process of its own: the web, a field protocol, a broker. Its
-package names a ``Gateway`` in the entry-point group ``drivebus.gateways``. The service imports this declaration, so its
-module imports no library of the gateway.
+package names a ``Gateway`` in the entry-point group ``drivebus.gateways``, in a module that imports no library of the
+gateway, because the service imports it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Schema of a ``plant.toml``: strict pydantic models. What concerns several keys at once is in ``check``.
+"""Schema of a ``plant.toml``: strict pydantic models; what concerns several keys at once is in ``check``.
 
 Everything that can be referred to is a table with its id in the header (``[drive.fan-1]``), so that no id is used
 twice and every issue has a line. Each key is described in the catalogues, ``plant_config.key.<table>.<key>``.

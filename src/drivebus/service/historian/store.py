@@ -1,6 +1,6 @@
 """Store of the history: tables and statements in the SQL that SQLite and PostgreSQL share.
 
-A store is used by one thread. Every writing method is one transaction and durable on return. After StoreError it is
+A store is used by one thread; every writing method is one transaction and durable on return. After StoreError it is
 unknown whether the write was done; opening the store again shows it.
 """
 

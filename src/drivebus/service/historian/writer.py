@@ -1,7 +1,7 @@
 """Writer of the history: queue, batches, compaction into blocks, retention.
 
 The queue never blocks: when it is full, samples are dropped, counted and marked as a gap, so that no chart draws a line
-across them. The writer works on a thread of its own. A store that fails is closed and opened again in the next cycle;
+across them. The writer works on a thread of its own; a store that fails is closed and opened again in the next cycle;
 until then the batch stays in memory and the queue fills.
 """
 

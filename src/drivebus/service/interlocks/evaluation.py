@@ -1,4 +1,4 @@
-"""Evaluation of interlock expressions in three-valued logic (true, false, unknown). Pure: a function gives the values.
+"""Evaluation of interlock expressions in three-valued logic (true, false, unknown); a function gives the values.
 
 A comparison of a value without good quality is unknown, and so is every expression that depends on it, ``not``
 included. Only an expression that certainly holds is true, so that missing values never permit a start.
