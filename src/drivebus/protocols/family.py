@@ -1,6 +1,6 @@
 """Protocol families: one object per family, and the registry from which the rest of the package takes it.
 
-No table elsewhere is keyed by family names. This module is below ``profiles``, ``drives`` and ``simulator``, so it names
+No table elsewhere is keyed by family names. This module is below ``profiles``, ``drives`` and ``simulator``, and names
 objects of those layers by import path (``package.module:attribute``), resolved on first use.
 """
 
