@@ -17,7 +17,7 @@ from drivebus.gateways.fanout import MAX_QUEUED_MESSAGES, matches_topic
 from drivebus.gateways.upstream import UpstreamFeed
 from drivebus.testing import virtual_time
 from drivebus.web.live.endpoint import LIVE_ACTOR, MAX_WEBSOCKETS, LiveEndpoint
-from drivebus.web.live.messages import MAX_RENEWALS, parse_interval, parse_message, parse_patterns
+from drivebus.web.live.messages import MAX_PATTERNS, MAX_RENEWALS, parse_interval, parse_message, parse_patterns
 from fixtures.live import FakeSubscriber, FakeWebSocket, Json, signal, snapshot, update
 from fixtures.rest_api import FakeService
 
@@ -592,5 +592,13 @@ def test_a_fast_client_shares_the_subscription_of_the_others() -> None:
 
 def test_equivalent_patterns_and_intervals_are_normalized() -> None:
     assert parse_patterns(["plant", "alarms", "plant"]) == ("alarms", "plant")
+
+
+def test_an_address_has_as_many_patterns_as_a_message() -> None:
+    """An address of 8 kB could have 800: each is searched for in every topic."""
+    patterns = [f"drives/*{number}" for number in range(MAX_PATTERNS)]
+    assert len(parse_patterns(patterns)) == MAX_PATTERNS
+    with pytest.raises(ValueError, match="a list"):
+        parse_patterns([*patterns, "plant"])
     assert [parse_interval(text) for text in (None, "1", "0.26", "0.1")] == [0.25, 1.0, 0.25, 0.1]
     assert parse_message(json.dumps({"subscribe": ["*"], "renew": ["a"]})).renew == ("a",)

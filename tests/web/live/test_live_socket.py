@@ -70,6 +70,42 @@ async def test_text_that_is_not_utf_8_ends_the_connection_without_a_traceback_in
     assert (code, [record for record in caplog.records if record.exc_info]) == (1007, [])
 
 
+@pytest.mark.parametrize(
+    "more",
+    [
+        "?topics=" + "a" * 8_200,
+        " HTTP/1.1\r\nX: " + "a" * 9_000,
+        " HTTP/1.1" + "\r\nX: y" * 200,
+        " HTTP/1.1\r\nX: \x7f",
+    ],
+    ids=["a long address", "a long header", "many headers", "a control character"],
+)
+async def test_a_handshake_that_is_too_long_or_no_request_is_ended_at_once(plant: RunningService, more: str) -> None:
+    """It stayed open without an answer: 576 of them, without a login, kept everybody from the page."""
+    host, port = plant.url.removeprefix("http://").split(":")
+    reader, writer = await asyncio.open_connection(host, int(port))
+    upgrade = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAA\r\n"
+    request = f"GET {API_PREFIX}/live{more}{'' if 'HTTP' in more else ' HTTP/1.1'}\r\nHost: {host}\r\n{upgrade}\r\n"
+    writer.write(request.encode())
+    async with asyncio.timeout(5):
+        answer = await reader.read()
+    writer.close()
+    assert answer[:12] in (b"HTTP/1.1 414", b"HTTP/1.1 431", b"HTTP/1.1 400", b"")
+
+
+async def test_a_denied_handshake_is_no_error_in_the_log(
+    plant: RunningService, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Anyone could fill the log with the error "without completing handshake"."""
+    with pytest.raises(InvalidStatus) as denied:
+        async with live(plant, Authorization="Bearer unknown"):
+            pass
+    assert denied.value.response.status_code == 401
+    async with by_token(plant) as socket:  # by now the server has ended the other one
+        await receive(socket)
+    assert [record.message for record in caplog.records if record.levelname == "ERROR"] == []
+
+
 async def test_frames_are_sent_while_they_are_subscribed(plant: RunningService) -> None:
     async with by_token(plant, "?topics=frames/a") as socket:
         while not (frames := (await receive(socket))["topics"].get("frames/a")):

@@ -43,13 +43,16 @@ def parse_message(text: str) -> ClientMessage:
     message = parse_json(text)
     if not isinstance(message, dict) or not message or message.keys() - {"subscribe", "renew"}:
         raise ValueError(text[:100])
-    topics = parse_patterns(_limited_list(message["subscribe"], MAX_PATTERNS)) if "subscribe" in message else None
+    topics = parse_patterns(message["subscribe"]) if "subscribe" in message else None
     return ClientMessage(topics, _all_matching(_ID, _limited_list(message.get("renew", []), MAX_RENEWALS)))
 
 
-def parse_patterns(words: Iterable[str]) -> tuple[str, ...]:
-    """Return topic patterns sorted, each once: equal requests share one group. Raises ValueError."""
-    return tuple(sorted(set(_all_matching(_PATTERN, words))))
+def parse_patterns(words: object) -> tuple[str, ...]:
+    """Return topic patterns sorted, each once: equal requests share one group.
+
+    Raises ValueError, also for more than ``MAX_PATTERNS``.
+    """
+    return tuple(sorted(set(_all_matching(_PATTERN, _limited_list(words, MAX_PATTERNS)))))
 
 
 def parse_interval(text: str | None) -> float:

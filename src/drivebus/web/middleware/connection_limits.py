@@ -122,6 +122,22 @@ class LimitedWebSocketProtocol(_WriteStallTimeout, WebSocketsSansIOProtocol):
         super().__init__(*args, **options)
         self.close_timeout = WEBSOCKET_CLOSE_TIMEOUT_S
 
+    def data_received(self, data: bytes) -> None:
+        """Take in data; close a connection whose handshake is no request, which uvicorn leaves open unanswered.
+
+        The first data is the whole head of a request that httptools accepted; the limits of this parser are stricter.
+        """
+        super().data_received(data)
+        if not self.handshake_initiated:
+            self.transport.write(b"".join(self.conn.data_to_send()))
+            self.transport.close()
+
+    async def send(self, message: Any) -> None:
+        """Send a message; an HTTP response completes the handshake, for which uvicorn would log an error."""
+        await super().send(message)
+        if message["type"] == "websocket.http.response.body":
+            self.handshake_complete = True
+
     def send_receive_event_to_app(self) -> None:
         """Forward a message; close the connection for invalid UTF-8, for which uvicorn would log a traceback."""
         if self.curr_msg_data_type == "text" and not self.close_sent:
