@@ -93,6 +93,22 @@ def test_a_device_of_roots_own_group_needs_a_rule_and_no_membership(
     assert (error.key, error.params["mode"]) == ("ports.permission_rule", "-rw-rw----")
 
 
+def test_a_port_in_a_directory_that_can_not_be_searched_can_not_be_opened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither mode nor group of the device can be read then."""
+    real = Path.stat
+
+    def stat(path: Path, **options: bool) -> os.stat_result:
+        if path.name == "ttyUSB0":
+            raise PermissionError(errno.EACCES, "denied")
+        return real(path, **options)
+
+    monkeypatch.setattr(Path, "stat", stat)
+    error = denied(tmp_path / "ttyUSB0")
+    assert (error.key, str(error.params["reason"])) == ("ports.failed", "Permission denied")
+
+
 def test_a_busy_port_names_the_program_that_uses_it(pty: Pty) -> None:
     program = (
         "import os, sys, time; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print(1, flush=True); time.sleep(60)"

@@ -63,6 +63,7 @@ class Subscriber:
 
 
 def encode_message(message: Json) -> str:
+    """Return a message as JSON on one line."""
     return json.dumps(message, ensure_ascii=False, separators=(",", ":"))
 
 

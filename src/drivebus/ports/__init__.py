@@ -33,7 +33,7 @@ def open_port(
 ) -> Port:
     """Return the port of a URL, not yet opened; arguments override its query, which overrides ``defaults``.
 
-    Raises PortUrlError.
+    Raises PortUrlError, for a simulated drive ConfigurationError, and for a replay CaptureError.
     """
     parsed = parse_port_url(url, baud=baud, format=format, defaults=defaults, **options)
     entries = _entry_points()

@@ -28,7 +28,7 @@ class PortInfo:
     """Serial port of this machine."""
 
     device: str
-    """Its name today, such as /dev/ttyUSB0 or COM3."""
+    """Present name, such as /dev/ttyUSB0 or COM3."""
     description: str
     identity: str
     """``usb:VID:PID:SERIAL:INTERFACE`` where the adapter has a serial number of its own, else ``path:`` and the socket

@@ -68,7 +68,10 @@ def _permission_error(path: str) -> PortUnavailable:
     import grp
     import pwd
 
-    mode, gid = Path(path).stat().st_mode, _group_of(path)
+    try:
+        mode, gid = Path(path).stat().st_mode, _group_of(path)
+    except OSError as error:  # a directory on the way can't be searched
+        return PortUnavailable("ports.failed", port=path, reason=SystemReason(error))
     user = _name_or_default(lambda: pwd.getpwuid(os.getuid()).pw_name, "$USER")
     if gid == 0 or not mode & stat.S_IRGRP or not mode & stat.S_IWGRP:
         return PortUnavailable("ports.permission_rule", port=path, mode=stat.filemode(mode))

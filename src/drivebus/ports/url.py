@@ -108,7 +108,7 @@ def parse_port_url(
 ) -> PortUrl:
     """Parse a port URL; arguments override its query, which overrides ``defaults``.
 
-    Raises PortUrlError: found, expected, remedy.
+    Raises PortUrlError.
     """
     scheme, rest = _split_scheme(text.strip())
     target, _, query = rest.partition("?")
@@ -176,7 +176,7 @@ def _is_device(path: str) -> bool:
 
 
 def _suggestion(text: str) -> str:
-    """Return the port URL that was probably meant, in half-width characters."""
+    """Return the port URL that was probably meant, in half-width characters, else the command that lists the ports."""
     text = half_width(text)
     if _SCHEME.match(text):
         return text

@@ -72,7 +72,10 @@ STOP_OPERATIONS_BY_MODE = {
 
 
 def sync_tags(profile: DriveProfile) -> list[tuple[int, int]]:
-    """Return readable parameters outside group 0, neighbours in different groups: a fault hides the item."""
+    """Return readable parameters outside group 0, neighbours in different groups: a fault hides the item.
+
+    Raises ConfigurationError for a profile without one.
+    """
     groups: dict[int, list[tuple[int, int]]] = {}
     for parameter in profile.parameters.values():
         group, item = parameter.locator[1] >> 8, parameter.locator[1] & 0xFF

@@ -388,7 +388,10 @@ class OperationContext:
             raise error
 
     def send_command(self, command: DriveCommand, frame: CommandFrame) -> DriveOperation[BusResult]:
-        """Send one frame that is neither a read nor a stop, if it gets a permit."""
+        """Send one frame that is neither a read nor a stop. Raises the errors of ``request_permit``.
+
+        Raises StartInhibited where the station has not answered as its model.
+        """
         unconfirmed = yield from self.check_model()
         if unconfirmed is not None:
             model = self.dialect.profile.model

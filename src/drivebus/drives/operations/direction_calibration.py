@@ -28,7 +28,8 @@ def calibration_jog(
 ) -> DriveOperation[CalibrationResult]:
     """Jog once, at most 5 Hz and 0.5 s, with the direction digits 10 as b3 b2.
 
-    The jog frequency itself may be a keypad setting of the drive: set it to 5 Hz or less there first.
+    The jog frequency itself may be a keypad setting of the drive: set it to 5 Hz or less there first. Raises LimitError
+    for more than 5 Hz, and every error of ``jog``.
     """
     dialect = cast("ModbusDialect", op.dialect)
     if not 0.0 < frequency_hz <= MAX_CALIBRATION_JOG_HZ:

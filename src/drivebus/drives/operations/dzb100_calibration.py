@@ -25,7 +25,10 @@ DEFAULT_KEYPAD_HZ = 12.3  # differs in all four codings: 007B, 04CE, 0123, 000C
 def calibrate_query_coding(
     op: OperationContext, keypad_hz: float = DEFAULT_KEYPAD_HZ
 ) -> DriveOperation[CalibrationResult]:
-    """Determine the query coding from Q00 while the keypad is set to ``keypad_hz``. Nothing moves."""
+    """Determine the query coding from Q00 while the keypad is set to ``keypad_hz``. Nothing moves.
+
+    Raises TargetNotReached where no coding fits, and the error of a read.
+    """
     dialect = cast("Dzb100Dialect", op.dialect)
     word = yield from _read_agreed_word(op, dialect, 0)
     step = {coding: abs(_decode_hz(word, coding) - keypad_hz) for coding in FREQUENCY_CODINGS}

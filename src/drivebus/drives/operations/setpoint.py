@@ -57,7 +57,7 @@ def check_set_frequency(drive: DriveContext, frequency_hz: float) -> None:
 def write_setpoint(
     op: OperationContext, command: DriveCommand, word: int, frequency_hz: float
 ) -> DriveOperation[Outcome]:
-    """Send the setpoint and read it back."""
+    """Send the setpoint and read it back. Raises the error of a frame that was not sent."""
     frames: tuple[CommandFrame, ...] = op.dialect.set_frequency(word, op.reading_pairs)
     refused = None
     answered = True

@@ -79,6 +79,7 @@ class HuanyangReply:
 
 
 def read_parameter(address: int, parameter: int) -> HuanyangRequest:
+    """Return the read of a parameter."""
     return HuanyangRequest(address, READ, parameter)
 
 
@@ -88,10 +89,12 @@ def write_parameter(address: int, parameter: int, value: int, width: int) -> Hua
 
 
 def control(address: int, command: int) -> HuanyangRequest:
+    """Return the write of the control byte."""
     return HuanyangRequest(address, CONTROL, 0, command, 1)
 
 
 def read_status(address: int, item: int) -> HuanyangRequest:
+    """Return the read of a monitored value."""
     return HuanyangRequest(address, STATUS, item, width=0)
 
 
@@ -128,7 +131,7 @@ class HuanyangCodec:
         return _frame(reply.address, reply.function, _data(reply))
 
     def decode_request(self, data: bytes, /) -> DecodeResult:
-        """Decode the request at offset 0 (station side)."""
+        """Decode the request at offset 0 (station side). Raises ProtocolError."""
         size = _frame_size(data, REQUEST_LENGTHS)
         if len(data) < size:
             return Incomplete(size)

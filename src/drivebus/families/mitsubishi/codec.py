@@ -92,7 +92,7 @@ class MitsubishiCodec:
         return bytes((STX,)) + body + bytes((ETX,)) + _sum_check(body)
 
     def decode_request(self, data: bytes, /) -> DecodeResult:
-        """Decode the request at offset 0 (station side)."""
+        """Decode the request at offset 0 (station side). Raises ProtocolError."""
         if data and data[0] != ENQ:
             raise HeaderError("protocols.header", expected=ENQ, found=data[0])
         if len(data) < REQUEST_HEAD_SIZE:

@@ -63,7 +63,10 @@ class Dzb100Codec:
         return _frame(ord(reply.head), _acknowledge(reply), reply.address, reply.index, reply.data)
 
     def decode_request(self, data: bytes) -> DecodeResult:
-        """Decode a request as a station. An index that no drive has is decoded: the station rejects it with 07."""
+        """Decode a request as a station; an index that no drive has too, which the station rejects with 07.
+
+        Raises ProtocolError for any other frame than a request.
+        """
         if incomplete := check_head(data):
             return incomplete
         address, index, word = parse_digits(data)
@@ -72,7 +75,10 @@ class Dzb100Codec:
         return Complete(_parse_request(data[0], data[2], address, index, word), FRAME_SIZE)
 
     def decode_reply(self, request: Dzb100Request, data: bytes) -> DecodeResult:
-        """Decode the reply to ``request``. A rejection is a ``Dzb100Reply`` with ``accepted`` False."""
+        """Decode the reply to ``request``; a rejection is a ``Dzb100Reply`` with ``accepted`` False.
+
+        Raises ProtocolError for any other frame; AddressError has ``size`` for a foreign one.
+        """
         if incomplete := check_head(data):
             return incomplete
         reply = parse_reply(data)
@@ -126,7 +132,7 @@ def _frame(head: int, mark: int, address: int, index: int, data: int) -> bytes:
 
 
 def check_head(data: bytes) -> Incomplete | None:
-    """Return None for 11 or more bytes with a known head and S, Incomplete for fewer."""
+    """Return None for 11 or more bytes, Incomplete for fewer. Raises HeaderError or ChecksumError for head and S."""
     if data and data[0] not in HEADS:
         raise HeaderError("protocols.dzb100.header", expected=("C", "P", "R", "Q"), found=data[0])
     if len(data) > 1 and data[1] != CONSTANT_S:
@@ -135,7 +141,7 @@ def check_head(data: bytes) -> Incomplete | None:
 
 
 def parse_digits(data: bytes) -> tuple[int, int, int]:
-    """Return address, index and data word."""
+    """Return address, index and data word. Raises AlphabetError."""
     return decimal_value(data[3:5], 3), decimal_value(data[5:7], 5), hex_value(data[7:11], start=7)
 
 
@@ -180,7 +186,7 @@ def _parse_request(head: int, mark: int, address: int, index: int, word: int) ->
 
 
 def parse_reply(data: bytes) -> Dzb100Reply:
-    """Parse a whole reply without its request."""
+    """Parse a whole reply without its request. Raises AlphabetError, AddressError or CodeError."""
     address, index, word = parse_digits(data)
     if not 1 <= address <= LAST_ADDRESS:
         raise AddressError("protocols.dzb100.address_range", expected=LAST_ADDRESS, found=address)

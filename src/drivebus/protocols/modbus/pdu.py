@@ -94,6 +94,7 @@ def encode_request(request: ModbusRequest, max_read: int) -> bytes:
 
 
 def encode_unchecked(request: ModbusRequest) -> bytes:
+    """Return the octets of a request whose fields are known to be in range."""
     match request:
         case ReadRegisters() | ReadBits():
             return FIXED_PDU.pack(request.address, request.function, request.register, request.count)

@@ -175,7 +175,7 @@ def _control_data(request: SunfarControl) -> int:
 
 
 def decode_request(fmt: FieldFormat, data: bytes) -> DecodeResult:
-    """Decode the request that begins at offset 0."""
+    """Decode the request that begins at offset 0. Raises ProtocolError."""
     check_head(fmt, data)
     if len(data) <= CLASS_OFFSET:
         return Incomplete(READ_LAYOUT.size)
@@ -260,7 +260,10 @@ def _split_info(info: str) -> tuple[int, int, int]:
 
 
 def expected_reply_size(fmt: FieldFormat, data: bytes) -> int:
-    """Return the size of the reply at offset 0: at least 11 bytes, exact once its response code is there."""
+    """Return the size of the reply at offset 0: at least 11 bytes, exact once its response code is there.
+
+    Raises HeaderError, AlphabetError or CodeError where none begins there.
+    """
     check_head(fmt, data)
     if len(data) <= CLASS_OFFSET:
         return SHORT_LAYOUT.size
@@ -272,7 +275,7 @@ def expected_reply_size(fmt: FieldFormat, data: bytes) -> int:
 
 
 def parse_short_reply(fmt: FieldFormat, frame: bytes) -> SunfarReply:
-    """Parse response 6, 7 or 8; the state digits must read 00."""
+    """Parse response 6, 7 or 8; the state digits must read 00. Raises ProtocolError."""
     address, response, zero = fmt.read(SHORT_LAYOUT, frame).values
     if zero:
         raise CodeError("protocols.sunfar.short_state", expected=0, found=zero)
@@ -280,7 +283,7 @@ def parse_short_reply(fmt: FieldFormat, frame: bytes) -> SunfarReply:
 
 
 def parse_full_reply(fmt: FieldFormat, frame: bytes) -> SunfarReply:
-    """Parse a reply with item and data, without its request."""
+    """Parse a reply with item and data, without its request. Raises ProtocolError."""
     fields = fmt.read(WRITE_LAYOUT, frame)
     address, response, state, group, item, data = fields.values
     known = _parse_state(state)

@@ -68,13 +68,21 @@ class FrameFields:
 
 
 class FieldFormat(Protocol):
-    """Encoding of fields. ``read`` checks end mark, digits and checksum of a frame of the layout's size."""
+    """Encoding of fields."""
 
     head: int
 
-    def build(self, layout: FrameLayout, *values: int) -> bytes: ...
-    def digit(self, byte: int, position: int) -> int: ...
-    def read(self, layout: FrameLayout, frame: bytes) -> FrameFields: ...
+    def build(self, layout: FrameLayout, *values: int) -> bytes:
+        """Return the frame of field values that fit their widths."""
+        ...
+
+    def digit(self, byte: int, position: int) -> int:
+        """Return the value of a field of one byte. Raises AlphabetError with its position."""
+        ...
+
+    def read(self, layout: FrameLayout, frame: bytes) -> FrameFields:
+        """Return the fields of a frame of the layout's size. Raises TerminatorError, AlphabetError, ChecksumError."""
+        ...
 
 
 def check_head(fmt: FieldFormat, data: bytes) -> None:

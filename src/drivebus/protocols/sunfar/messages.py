@@ -101,7 +101,10 @@ def parameter_name(group: int, item: int) -> str:
 
 
 def monitor_item(index: int, coding: MonitorIndexCoding = "binary") -> int:
-    """Return the item field of monitor d.``index``: binary (d.15 → 0FH) or, as the manual prints it, BCD (15H)."""
+    """Return the item field of monitor d.``index``: binary (d.15 → 0FH) or, as the manual prints it, BCD (15H).
+
+    Raises ValueError for an index outside 0-255, under "bcd" outside 0-99.
+    """
     limit = 0xFF if coding == "binary" else 99
     if not 0 <= index <= limit:
         raise ValueError(f"monitor d.{index}: expected d.0 to d.{limit}")
