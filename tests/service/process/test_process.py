@@ -324,7 +324,7 @@ def test_the_page_can_stop_drives_until_the_stops_of_an_ending_service_are_done(
             request("POST", "/drives/fan-2/stop", json={})
         _, errors = process.communicate(timeout=20)
         assert process.returncode == ExitCode.UNKNOWN
-    assert "fan-1: its stop was sent and it was decelerating" in errors and "hard-wired stop" not in errors
+    assert f"fan-1: {i18n.text('serve.decelerating', 'en')}" in errors and "hard-wired stop" not in errors
     trail = [json.loads(line) for line in (state / "audit.jsonl").read_text().splitlines()]
     assert [one["target"] for one in trail if one["what"] == "drive.stop" and one["frames"]] == ["fan-2"]
 
