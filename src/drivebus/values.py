@@ -6,9 +6,9 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Literal
+from typing import Any, Literal
 
-from drivebus.i18n import LANGUAGES, ListParts, join
+from drivebus.i18n import LANGUAGES, ListParts, join, text
 
 Coding = Literal["binary", "signed", "bcd"]
 HEX_WORD = re.compile(r"0[xX]([0-9A-Fa-f]{1,4})|([0-9][0-9A-Fa-f]{0,4}|[A-Fa-f][0-9A-Fa-f]{3})[hH]", re.ASCII)
@@ -144,6 +144,11 @@ class Text:
     def replace(self, old: str, new: str) -> Text:
         """Return the text with a part replaced in every language."""
         return Text.from_mapping({language: text.replace(old, new) for language, text in self.by_language().items()})
+
+
+def bilingual_text(key: str, /, **params: Any) -> Text:
+    """Return a text of the catalogues in their languages."""
+    return Text.per_language(lambda language: text(key, language, **params))
 
 
 class Quality(StrEnum):

@@ -27,10 +27,10 @@ from drivebus.errors import (
     Superseded,
     TargetNotReached,
 )
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.protocols.codec import Effect
 from drivebus.simulator.motor import Trip
+from drivebus.values import bilingual_text
 from fixtures.drives import (
     SAFE_HZ,
     FakeC320,

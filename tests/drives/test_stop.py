@@ -35,11 +35,11 @@ from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveState
 from drivebus.drives.stop_supervisor import MIN_SUSPENSION_S, STOP_REPEAT_INTERVAL_S
 from drivebus.errors import HeaderError, NoReply, StopUnconfirmed, Superseded
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.protocols.codec import Effect
 from drivebus.simulator.models.catalog import make_station
 from drivebus.simulator.motor import Motor
+from drivebus.values import bilingual_text
 from fixtures.drives import (
     SAFE_HZ,
     FakeC320,

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 from drivebus.drives.speed_progress import SpeedDifference
 from drivebus.drives.state import DriveState
 from drivebus.errors import DrivebusError, PortLost
-from drivebus.profiles.diagnostics import bilingual_text
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 
 if TYPE_CHECKING:
     from drivebus.drives.state import Direction, DriveStatus

@@ -8,8 +8,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from enum import StrEnum
 
 from drivebus import i18n
-from drivebus.profiles.diagnostics import bilingual_text
-from drivebus.values import Reading, Text
+from drivebus.values import Reading, Text, bilingual_text
 
 
 class LocalizedEnum(StrEnum):

@@ -9,7 +9,6 @@ from typing import Any, cast
 from drivebus.profiles import model as m
 from drivebus.profiles import words
 from drivebus.profiles.check import resolve_locator
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.profiles.evidence import parse_evidence
 from drivebus.profiles.schema import (
     BitTable,
@@ -28,7 +27,7 @@ from drivebus.profiles.schema import (
 )
 from drivebus.protocols.family import Locator, protocol_family
 from drivebus.serial_settings import StationTiming
-from drivebus.values import Scale, Text
+from drivebus.values import Scale, Text, bilingual_text
 
 
 def build_profile(parsed: ProfileFile, source: str) -> m.DriveProfile:

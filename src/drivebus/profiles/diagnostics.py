@@ -15,7 +15,7 @@ from pydantic import BaseModel, ValidationError
 
 from drivebus import i18n
 from drivebus.errors import ProfileError, SystemReason
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 
 KeyPath = tuple[str | int, ...]
 CONTROL_RANGES = r"\x00-\x1f\x7f-\x9f\u061c\u200b\u200e\u200f\u2028-\u202e\u2060\u2066-\u2069\ufeff"
@@ -169,11 +169,6 @@ def error_params(diagnostics: Sequence[Diagnostic]) -> dict[str, Any]:
         "everything": everything,
         "diagnostics": tuple(diagnostics),
     }
-
-
-def bilingual_text(key: str, /, **params: Any) -> Text:
-    """Return a text of the catalogues in their languages."""
-    return Text.per_language(lambda language: i18n.text(key, language, **params))
 
 
 def dotted_key(path: Sequence[str | int]) -> str:

@@ -24,7 +24,6 @@ from drivebus.profiles.check import check_profile
 from drivebus.profiles.diagnostics import (
     Diagnostic,
     Issue,
-    bilingual_text,
     control_character_issues,
     issue,
     issues_from_pydantic,
@@ -38,6 +37,7 @@ from drivebus.profiles.schema import NEWEST_FORMAT, ProfileFile
 from drivebus.profiles.toml_file import MAX_TOML_BYTES, TomlFault, decode_toml, format_issue, has_key, line_of
 from drivebus.protocols.family import protocol_families
 from drivebus.user_directories import expand_home, user_config_directory
+from drivebus.values import bilingual_text
 
 DATA_DIRECTORY = Path(__file__).parent / "data"
 EVIDENCE_KEYS = ("evidence", "standstill_evidence")

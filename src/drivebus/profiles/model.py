@@ -10,11 +10,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from drivebus import i18n
 from drivebus.profiles.words import CommandMap, StatusMap
 from drivebus.protocols.family import JogFrequency, Locator, protocol_family
 from drivebus.serial_settings import StationTiming
-from drivebus.values import Scale, Text
+from drivebus.values import Scale, Text, bilingual_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -351,7 +350,7 @@ class DriveProfile:
         known = self.faults.get(code)
         if known is not None:
             return known
-        text = self.fault_text or Text.per_language(lambda language: i18n.text("profiles.fault_undescribed", language))
+        text = self.fault_text or bilingual_text("profiles.fault_undescribed")
         return FaultEntry(
             code=code,
             label=self.fault_label.replace("{code}", str(code)),

@@ -9,10 +9,10 @@ import re
 from collections.abc import Mapping
 
 from drivebus.errors import LimitError, ProfileError
-from drivebus.profiles.diagnostics import bilingual_text, nearest_names
+from drivebus.profiles.diagnostics import nearest_names
 from drivebus.profiles.model import DriveProfile, NotationRule, Parameter, Signal
 from drivebus.protocols.family import Locator, NotationStyle, protocol_family
-from drivebus.values import parse_decimal, parse_hex_word
+from drivebus.values import bilingual_text, parse_decimal, parse_hex_word
 
 _LEADING_ZERO = re.compile(r"0[0-9]+", re.ASCII)
 _GROUP_AND_ITEM = re.compile(r"F([0-9]{1,2})[.\-]([0-9]{1,3})", re.ASCII)

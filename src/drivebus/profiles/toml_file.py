@@ -13,8 +13,8 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from drivebus.profiles.diagnostics import Issue, bilingual_text, issue
-from drivebus.values import half_width
+from drivebus.profiles.diagnostics import Issue, issue
+from drivebus.values import bilingual_text, half_width
 
 MAX_TOML_BYTES: Final = 1_000_000  # a profile or plant.toml has some kilobytes
 

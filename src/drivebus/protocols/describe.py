@@ -6,10 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from drivebus import i18n
 from drivebus.errors import LengthError, ProtocolError, TrailingError
 from drivebus.protocols.codec import Codec, DecodeResult, Incomplete
-from drivebus.values import Text
 
 FrameDirection = Literal["request", "response"]
 Note = tuple[str, Mapping[str, Any]]
@@ -48,11 +46,6 @@ class FrameDescription:
 def note(key: str, **params: Any) -> Note:
     """Return a note: its sentence is looked up when the language is known."""
     return key, params
-
-
-def bilingual(key: str) -> Text:
-    """Return the term of an i18n key, as a parameter of a note."""
-    return Text(i18n.text(key, "en"), i18n.text(key, "zh"))
 
 
 def error_note(error: ProtocolError) -> Note:

@@ -11,14 +11,13 @@ import pytest
 from drivebus import i18n
 from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
 from drivebus.errors import NotFound
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service import config
 from drivebus.service.alarms import Alarm, AlarmEngine, SystemAlarm
 from drivebus.service.alarms.engine import MAX_UNACKNOWLEDGED_PER_KEY
 from drivebus.service.alarms.texts import signal_name
 from drivebus.service.auth.actor import SERVICE_NAME
 from drivebus.service.config.model import AlarmConfig, AlarmKind, AlarmPriority
-from drivebus.values import Quality, Text
+from drivebus.values import Quality, Text, bilingual_text
 from fixtures.alarms import FAN, OVERCURRENT, RecordingAlarmLog, current, signal, view
 
 HIGH = AlarmConfig(

@@ -16,7 +16,6 @@ from drivebus.drives import MemoryStore
 from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE, reported_fault
 from drivebus.drives.state import DerivedState, DriveState
 from drivebus.errors import AuditUnavailable, ControlNotHeld, DrivebusError, ServiceError, Superseded, WaiverRequired
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import BusConfig, DriveConfig, PlantConfig
 from drivebus.service.control.comm_loss_record import CommLossRecord
@@ -24,7 +23,7 @@ from drivebus.service.control.comm_loss_test import _short_name
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 from fixtures.service import BUSES, DRIVES, ServiceKit, plant_config, remote_actor, running_service
 
 ENGINEER = remote_actor("eve", Role.ENGINEER)

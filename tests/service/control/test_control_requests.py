@@ -9,7 +9,6 @@ from dataclasses import replace
 import pytest
 
 from drivebus.errors import ControlNotHeld, NotFound, PermissionDenied, ServiceError
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.auth.actor import local_actor
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import OnClientLost
@@ -23,7 +22,7 @@ from drivebus.service.control.control_requests import (
 from drivebus.service.control.leases import LEASE_TTL_S, ControlLeases
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 from fixtures.service import DRIVES, ServiceKit, plant_config, remote_actor, running_service
 
 ANN, BOB, CYD = remote_actor("ann"), remote_actor("bob"), remote_actor("cyd")

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from drivebus.errors import DrivebusError
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.protocols import sunfar
 from drivebus.service.config.model import InterlockConfig
 from drivebus.service.control.comm_loss_record import CommLossRecord, CommLossResult
@@ -19,7 +18,7 @@ from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.live.views import CommLossView
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 from fixtures.service import ServiceKit, running_service
 
 

@@ -20,7 +20,6 @@ from drivebus.errors import (
     Superseded,
 )
 from drivebus.ports import open_port
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.audit.description import described
 from drivebus.service.audit.records import entry_json
 from drivebus.service.auth.rights import Role
@@ -28,7 +27,7 @@ from drivebus.service.config.model import BusConfig, DriveConfig, OnClientLost, 
 from drivebus.simulator.motor import OutputPhase
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 from fixtures.drives import SimulatedDrives
 from fixtures.service import (
     BUSES,

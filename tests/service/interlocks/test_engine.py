@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from drivebus import i18n
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.config.model import InterlockAction, InterlockConfig
 from drivebus.service.interlocks.engine import FIRST_POLL_GRACE_S, InterlockEngine
 from drivebus.service.live.views import DriveView, SignalView
-from drivebus.values import Quality, Text
+from drivebus.values import Quality, Text, bilingual_text
 from fixtures.alarms import view as drive_view
 
 

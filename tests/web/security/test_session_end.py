@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 from httpx import AsyncClient
 
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.audit.description import described
 from drivebus.service.audit.records import SESSION_ENDED
 from drivebus.service.auth.users import UserFile
 from drivebus.service.config.model import OnClientLost
 from drivebus.testing.virtual_time import run
+from drivebus.values import bilingual_text
 from fixtures.service import ServiceKit, plant_config, running_service
 from fixtures.web_app import WebAppHarness
 

@@ -33,12 +33,12 @@ def _parse_requirement(text: str) -> LoadRequirement:
 
 def _check(plant: str, requirements: tuple[LoadRequirement, ...]) -> ExitCode:
     """Return 1 if a requirement is missed. Raises ConfigurationError for an invalid file."""
-    from drivebus.profiles.diagnostics import bilingual_text
     from drivebus.service.config.adapter_latency import adapter_latencies
     from drivebus.service.config.bus_load import bus_loads, violations
     from drivebus.service.config.certificates import certificate_states
     from drivebus.service.config.load import load
     from drivebus.service.process.permissions import certificate_problems
+    from drivebus.values import bilingual_text
 
     config = load(plant)
     buses, slow_adapters = bus_loads(config), tuple(adapter_latencies(config))

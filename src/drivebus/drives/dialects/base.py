@@ -19,12 +19,11 @@ from drivebus.drives.dialects.setpoint_step import check_setpoint_step, step_cap
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import FAULT_LABEL_SEPARATOR, DerivedState, Direction, Fault
 from drivebus.errors import CapabilityError, LimitError, ProtocolError
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.profiles.model import DriveProfile, Parameter, Signal
 from drivebus.protocols.codec import Codec, Complete, Effect
 from drivebus.serial_settings import StationTiming
 from drivebus.types import Json
-from drivebus.values import Quality, Reading, Text
+from drivebus.values import Quality, Reading, Text, bilingual_text
 
 DEFAULT_NONCE_START = 0x5AA5
 """First number of the numbered sync probes where nothing is sent, or where a run must repeat."""

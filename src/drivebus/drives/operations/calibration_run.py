@@ -18,8 +18,7 @@ from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.permissives import CommandKind, DriveCommand, state_inhibit
 from drivebus.drives.state import Direction, DriveState
 from drivebus.errors import BusError, LimitError, ProtocolError, TargetNotReached
-from drivebus.profiles.diagnostics import bilingual_text
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 
 T = TypeVar("T")
 

@@ -19,9 +19,8 @@ from drivebus.drives.permissives import CommandKind, DriveCommand, DriveEvidence
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveState, DriveStatus
 from drivebus.errors import DrivebusError, Expired, NotPermitted, PortLost, StartInhibited, Superseded
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.protocols.codec import Effect
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 
 VERIFICATION_ROUNDS = 2  # a state is read this often, each time behind a sync probe of its own, and must agree
 EXTRA_VERIFICATION_ROUNDS = 3  # further rounds for a drive that changes its state between two reads

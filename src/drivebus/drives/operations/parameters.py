@@ -32,10 +32,9 @@ from drivebus.errors import (
     PreflightError,
     ProtocolError,
 )
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.profiles.model import Parameter, Signal
 from drivebus.profiles.notation import find_entry
-from drivebus.values import Reading, Text, missing_reading
+from drivebus.values import Reading, Text, bilingual_text, missing_reading
 
 _WRITTEN_KEYS = frozenset(
     {

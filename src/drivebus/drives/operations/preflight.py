@@ -9,9 +9,8 @@ from drivebus.drives.dialects.base import Dialect, Rejection
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation, UpdateStore, get_bus_conditions
 from drivebus.errors import DrivebusError, PreflightError, StartInhibited
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.profiles.model import MAXIMUM_FREQUENCY, Parameter, Precondition
-from drivebus.values import Quality, Text
+from drivebus.values import Quality, Text, bilingual_text
 
 
 def read_preflight(op: OperationContext) -> DriveOperation[Preflight]:

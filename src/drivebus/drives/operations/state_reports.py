@@ -5,8 +5,7 @@ from __future__ import annotations
 from drivebus.drives.readings import Readings
 from drivebus.drives.state import DerivedState
 from drivebus.errors import DrivebusError, ProtocolError
-from drivebus.profiles.diagnostics import bilingual_text
-from drivebus.values import Quality, Text
+from drivebus.values import Quality, Text, bilingual_text
 
 RECEIVED_BYTES_KEYS = frozenset(
     {

@@ -19,8 +19,7 @@ from drivebus.drives.operations.steps import OWN_FRAME, DriveOperation, get_bus_
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import STATE_NOT_READ, DriveState
 from drivebus.errors import DrivebusError, PortLost
-from drivebus.profiles.diagnostics import bilingual_text
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 
 STOP_PROGRESS_TIMEOUT_S = 2.0  # without a sign of deceleration for this long a stop is reported as unconfirmed
 MIN_TIMEOUT_TRANSACTIONS = 16  # for each drive; most models verify two states with fewer, so that some may fail

@@ -13,7 +13,6 @@ from drivebus.protocols.describe import (
     FrameDirection,
     Interpretation,
     Note,
-    bilingual,
     error_note,
     note,
     whole_message,
@@ -46,6 +45,7 @@ from drivebus.protocols.dzb100.messages import (
     StateWord,
     decode_frequency,
 )
+from drivebus.values import bilingual_text
 
 MAINS_HZ = 50.0
 """A setpoint above the mains frequency suggests that the coding is wrong by a factor of ten."""
@@ -241,7 +241,7 @@ def _control_hazards(request: Dzb100Control, options: Dzb100DecodeOptions) -> tu
         for coding in FREQUENCY_CODINGS
         for value in _frequency_fields(request.data, coding).values()
     )
-    coding = bilingual(coding_key(options.setpoint_coding))
+    coding = bilingual_text(coding_key(options.setpoint_coding))
     return (note("protocols.dzb100.hazard.tenfold", frequency_hz=hz, coding=coding, readings=tuple(others)),)
 
 

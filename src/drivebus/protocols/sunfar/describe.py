@@ -17,7 +17,6 @@ from drivebus.protocols.describe import (
     FrameDirection,
     Interpretation,
     Note,
-    bilingual,
     check_size,
     error_note,
     note,
@@ -61,6 +60,7 @@ from drivebus.protocols.sunfar.messages import (
     monitor_index,
     parameter_name,
 )
+from drivebus.values import bilingual_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +176,7 @@ def _hazards(frame_class: int, operation: int) -> tuple[Note, ...]:
     if frame_class == 4 or operation == SunfarOperation.NONE:
         return ()
     key = "acts" if operation in OPERATIONS_WITHOUT_MOTION else "starts"
-    name = bilingual(f"protocols.sunfar.order.{OPERATION_BY_CODE[operation].name.lower()}")
+    name = bilingual_text(f"protocols.sunfar.order.{OPERATION_BY_CODE[operation].name.lower()}")
     return (note(f"protocols.sunfar.hazard.{key}", operation=operation, name=name, kind=frame_class),)
 
 

@@ -8,11 +8,10 @@ from typing import Any
 from drivebus import i18n
 from drivebus.drives.dialects.base import UNNAMED_FAULT_CODE
 from drivebus.drives.state import join_fault_after_word
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.alarms.condition import Observation
 from drivebus.service.alarms.model import SYSTEM_ALARM_PRIORITIES, Alarm, SystemAlarm
 from drivebus.service.config.model import AlarmConfig
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 
 
 def formatted_number(value: Any) -> Any:

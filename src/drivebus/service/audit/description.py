@@ -10,14 +10,13 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from drivebus import i18n
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.alarms.texts import subject_name
 from drivebus.service.audit.records import ERROR_TEXT
 from drivebus.service.config.model import PlantConfig, title_of
 from drivebus.service.control.comm_loss_record import CommLossResult
 from drivebus.service.live.views import text_json
 from drivebus.types import Json
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 
 Titles = Mapping[str, Mapping[str, Text]]
 """Titles by the name of the parameter (``drive``, ``group``, ``bus``) and id."""

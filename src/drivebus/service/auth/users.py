@@ -16,11 +16,11 @@ from pydantic import TypeAdapter, ValidationError
 from drivebus import i18n
 from drivebus.atomic_write import PRIVATE_FILE_MODE, atomic_write_private
 from drivebus.errors import ConfigurationError, SystemReason
-from drivebus.profiles.diagnostics import CONTROL_CHARACTERS, bilingual_text, is_blank
+from drivebus.profiles.diagnostics import CONTROL_CHARACTERS, is_blank
 from drivebus.service.auth.errors import Conflict, InvalidInput, ResourceNotFound
 from drivebus.service.auth.names import appearance, check_user_name, normalized_name
 from drivebus.service.auth.rights import ROLE_RIGHTS, Right, Role
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 
 
 @dataclass(frozen=True, slots=True)

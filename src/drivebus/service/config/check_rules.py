@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from drivebus.errors import ConfigurationError
-from drivebus.profiles.diagnostics import Issue, KeyPath, bilingual_text, issue
+from drivebus.profiles.diagnostics import Issue, KeyPath, issue
 from drivebus.profiles.model import Signal
 from drivebus.service.config.build import ParsedPlant, alarm_drives, polled_signals
 from drivebus.service.config.check_buses import error_text, suggestions
@@ -26,7 +26,7 @@ from drivebus.service.interlocks.expression import (
     parse,
     references,
 )
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 
 
 def rule_issues(parsed: ParsedPlant) -> Iterator[Issue]:

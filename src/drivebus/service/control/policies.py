@@ -9,7 +9,6 @@ from typing import Any
 
 from drivebus.drives.state import DriveStatus
 from drivebus.errors import DrivebusError
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.operations.drives import DRIVE_STOP
 from drivebus.service.auth.actor import Actor
@@ -19,7 +18,7 @@ from drivebus.service.live.views import DriveView
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.failure_log import failure_logged
 from drivebus.service.runtime.plant import Plant
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 
 OperationCall = Callable[[str, dict[str, Any], Actor], Awaitable[dict[str, Any]]]
 

@@ -16,12 +16,11 @@ from drivebus.errors import (
     ServiceUnavailable,
     WaiverRequired,
 )
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.api.errors import localized, to_plain
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 
 
 def start_blockers(plant: Plant, runtime: DriveRuntime) -> Iterator[DrivebusError]:

@@ -111,7 +111,7 @@ class StopCommands:
 
         A drive that has not been read yet is stopped as soon as its first read shows it running, and a stop that is
         under way is waited for. Return the outcome of each stop of the service; for each stop that is not confirmed
-        within the timeout ``DECELERATING`` where the drive reports that, else None. Any other drive that may be running
+        within the timeout ``DECELERATING`` where the drive reports that, else None; any other drive that may be running
         becomes an event.
         """
         plant = self.plant

@@ -18,7 +18,6 @@ from typing import Any, TypeVar
 
 from drivebus import clock, i18n
 from drivebus.errors import ConfigurationError, ServiceUnavailable
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian.queries import HistoryQueries
 from drivebus.service.historian.sqlite import SqliteConnection
@@ -26,7 +25,7 @@ from drivebus.service.historian.store import Document, EventRow, HistoryStore, S
 from drivebus.service.historian.writer import HistoryWriter, WriteQueue
 from drivebus.service.live.views import Sample, text_json
 from drivebus.types import Json
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 
 T = TypeVar("T")
 

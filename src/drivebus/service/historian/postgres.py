@@ -17,10 +17,9 @@ from typing import Any
 import asyncpg  # type: ignore[import-untyped]
 
 from drivebus.errors import SystemReason
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.config.database import default_sslmode
 from drivebus.service.historian.store import SqlRow, StoreError
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 
 POSTGRES_CONNECT_TIMEOUT_S = 5.0
 POSTGRES_QUERY_TIMEOUT_S = 20.0

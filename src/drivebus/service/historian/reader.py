@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from operator import itemgetter
 
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.historian import blocks
 from drivebus.service.historian.blocks import SampleColumns
 from drivebus.service.historian.columns import DamagedBlock
@@ -26,6 +25,7 @@ from drivebus.service.historian.points import (
     slice_time,
 )
 from drivebus.service.historian.store import Block, HistoryStore, StoreError
+from drivebus.values import bilingual_text
 
 
 @dataclass(frozen=True, slots=True)

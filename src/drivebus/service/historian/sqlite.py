@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from drivebus.errors import SystemReason
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.historian.store import SqlRow, StoreError
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 
 VACUUM_PAGES = 1000
 """Free pages returned at a time: some milliseconds."""

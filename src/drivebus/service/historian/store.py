@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from functools import wraps
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.historian.points import ResolutionLevel
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 
 SCHEMA_VERSION = 3
 """Version of the tables and of the encoding of their rows; of the others only ``TEXT_COLUMNS_VERSION`` is changed."""

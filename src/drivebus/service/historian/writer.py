@@ -18,7 +18,6 @@ from dataclasses import dataclass, field, replace
 from threading import Lock
 
 from drivebus import i18n
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.config.model import HistoryConfig
 from drivebus.service.historian import compaction
 from drivebus.service.historian.blocks import SampleColumns, decode_batch, encode_batch
@@ -36,7 +35,7 @@ from drivebus.service.historian.store import (
     Tag,
 )
 from drivebus.service.live.views import Sample
-from drivebus.values import Quality, Text
+from drivebus.values import Quality, Text, bilingual_text
 
 MAX_QUEUED_SAMPLES = 200_000
 """Half an hour of 12 drives with 10 signals a second: a full disk that is cleared in that time loses nothing."""

@@ -13,7 +13,6 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.config.model import InterlockAction, InterlockConfig, title_of
 from drivebus.service.interlocks.evaluation import ValueLookup, compare, evaluate
 from drivebus.service.interlocks.expression import (
@@ -27,7 +26,7 @@ from drivebus.service.interlocks.expression import (
     references,
 )
 from drivebus.service.live.views import DriveView
-from drivebus.values import Quality, Text
+from drivebus.values import Quality, Text, bilingual_text
 
 FIRST_POLL_GRACE_S = 10.0
 """Time in which a slow bus polls every drive once."""

@@ -15,14 +15,13 @@ from drivebus.bus.trace import TraceEvent
 from drivebus.drives.state import DriveStatus
 from drivebus.drives.store import Store
 from drivebus.errors import DrivebusError
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.profiles.model import DriveProfile
 from drivebus.service.config.adapter_latency import AdapterLatency, adapter_latency, serial_device
 from drivebus.service.config.bus_load import serial_settings_of
 from drivebus.service.config.model import BusConfig, DriveConfig, title_of
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.types import Json
-from drivebus.values import Text
+from drivebus.values import Text, bilingual_text
 
 OPEN_RETRY_INTERVAL_S = 2.0  # between attempts to open a bus that could not be opened
 MAX_BUFFERED_FRAMES = 500

@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from drivebus.drives.operations.status import CommLossReport
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.profiles.model import CommLossParameters
 from drivebus.service.control.comm_loss_record import CommLossRecord, CommLossResult
 from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.live.views import CommLossTestObject, CommLossView
 from drivebus.types import Json
-from drivebus.values import Reading, Text
+from drivebus.values import Reading, Text, bilingual_text
 
 COMM_LOSS_NOT_READ = bilingual_text("plant.comm_loss_not_read")
 _UNKNOWN = CommLossView(kind="unknown", after_s=None, text=COMM_LOSS_NOT_READ)

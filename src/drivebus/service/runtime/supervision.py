@@ -14,7 +14,6 @@ from pathlib import Path
 from drivebus import i18n
 from drivebus.drives.state import DriveStatus
 from drivebus.errors import ConfigurationError, DrivebusError
-from drivebus.profiles.diagnostics import bilingual_text
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import failure_reason, localized
 from drivebus.service.audit.chain import AUDIT_FILE
@@ -35,6 +34,7 @@ from drivebus.service.runtime.plant import Plant
 from drivebus.service.runtime.run_statistics import DOCUMENT_KIND as RUN_STATISTICS
 from drivebus.service.storage.storage import Storage
 from drivebus.types import Json
+from drivebus.values import bilingual_text
 
 CYCLE_S = 0.25
 STEPS_PER_TURN = 4  # steps without a pause: one or two milliseconds
