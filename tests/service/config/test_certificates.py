@@ -103,7 +103,7 @@ def test_check_names_a_key_or_certificate_that_another_user_owns(
     monkeypatch.setattr(permissions, "_service_user", lambda config: 65_534)
     problems = json.loads(check(tmp_path, "--json").stdout)["exposed_files"]
     (found,) = [problem for problem in problems if problem["params"]["path"] == str(tmp_path / name)]
-    assert found["key"] == "plant.foreign_owner" and f"chown nobody {tmp_path / name}" in found["text"]
+    assert found["key"] == "plant.foreign_owner" and f"chown -h nobody {tmp_path / name}" in found["text"]
 
 
 def test_check_compares_the_owner_of_a_key_with_that_of_the_state_directory(

@@ -11,6 +11,7 @@ import pytest
 
 from drivebus.errors import ConfigurationError
 from drivebus.profiles.load import own_files
+from drivebus.service.config.load import load
 from drivebus.service.process import permissions
 from drivebus.service.process.lock import single_instance
 from drivebus.service.process.main import run_service
@@ -39,11 +40,11 @@ def test_a_directory_of_another_user_is_refused_and_a_file_of_root_is_not(
     monkeypatch.setattr(permissions, "ROOT", os.geteuid())
     monkeypatch.setattr(os, "geteuid", lambda: 65_534)
     check_trusted(file)
-    with pytest.raises(ConfigurationError, match="chown nobody") as refused, single_instance(tmp_path):
+    with pytest.raises(ConfigurationError, match="chown -h nobody") as refused, single_instance(tmp_path):
         raise AssertionError
     assert refused.value.key == "plant.foreign_owner"
     monkeypatch.setattr(permissions, "ROOT", -1)
-    with pytest.raises(ConfigurationError, match="chown nobody"):
+    with pytest.raises(ConfigurationError, match="chown -h nobody"):
         check_trusted(file)
 
 
@@ -146,6 +147,50 @@ def test_a_link_of_another_user_in_a_folder_of_all_is_refused(tmp_path: Path, mo
     check_plant_files(config)
     owner = link.lstat()
     monkeypatch.setattr(Path, "lstat", lambda path: SimpleNamespace(st_uid=65_534, st_mode=owner.st_mode))
+    with pytest.raises(ConfigurationError) as refused:
+        check_plant_files(config)
+    assert (refused.value.key, refused.value.params["path"]) == ("plant.foreign_owner", str(link))
+
+
+NAMED_PATHS = {
+    "directory": ('[plant]\ndirectory = "{path}"', True),
+    "users": ('[plant]\nusers = "{path}"', False),
+    "key": ('[audit]\nkey = "{path}"', False),
+    "checkpoints": ('[audit]\ncheckpoints = "{path}"', False),
+    "head": ('[audit]\nhead = "{path}"', False),
+}
+
+
+@pytest.mark.parametrize("inside", [False, True], ids=["the name is the link", "a folder of the name is the link"])
+@pytest.mark.parametrize("setting", NAMED_PATHS)
+def test_no_path_of_the_plant_file_leads_over_a_link_of_another_user(
+    setting: str, inside: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The link was followed before its owner was looked at: checkpoints were appended to any file of this user."""
+    private, shared = tmp_path / "private", tmp_path / "shared"
+    private.mkdir(mode=0o700)
+    shared.mkdir()
+    shared.chmod(0o1777)
+    table, is_folder = NAMED_PATHS[setting]
+    target = private / "target"
+    if is_folder:
+        target.mkdir(mode=0o700)
+    else:
+        target.touch(0o600)
+    link = shared / "link"
+    link.symlink_to(private if inside else target)
+    base = '[bus.a]\nport = "sim://c320@1"\n[drive.fan]\nbus = "a"\naddress = 1\nmodel = "c320"\n'
+    if "[plant]" in table:
+        text = f'format = 1\n{table}\nid = "hall"\ntitle = "Hall"\n{base}'
+    else:
+        text = f'format = 1\n[plant]\nid = "hall"\ntitle = "Hall"\ndirectory = "{tmp_path / "state"}"\n{table}\n{base}'
+    file = tmp_path / "hall.toml"
+    file.write_text(text.format(path=link / "target" if inside else link))
+    config = load(file)
+    check_plant_files(config)
+    owner, lstat = link.lstat(), Path.lstat
+    foreign = SimpleNamespace(st_uid=65_534, st_mode=owner.st_mode)
+    monkeypatch.setattr(Path, "lstat", lambda path: foreign if path == link else lstat(path))
     with pytest.raises(ConfigurationError) as refused:
         check_plant_files(config)
     assert (refused.value.key, refused.value.params["path"]) == ("plant.foreign_owner", str(link))

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from drivebus.atomic_write import atomic_write_private
-from drivebus.service.storage.append_log import AppendLog
+from drivebus.service.storage.append_log import AppendLog, read_tail
 from drivebus.service.storage.batch_writer import BatchWriter
 
 
@@ -85,6 +85,52 @@ def test_a_record_is_synced_and_a_failed_sync_leaves_none_of_it(
     log.append(b"three\n")
     assert (tmp_path / "x").read_bytes() == b"one\nthree\n"
     assert synced[-1] == 10
+
+
+def test_a_link_of_another_user_is_not_followed_and_a_fifo_blocks_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a folder that others can write, records were appended to the file that their link names, and their FIFO kept
+    the service from starting.
+    """
+    target, path = tmp_path / "target", tmp_path / "log"
+    target.write_bytes(b"content\n")
+    path.symlink_to(target)
+    log = AppendLog(path)
+    log.append(b"own link\n")
+    assert read_tail(path) == target.read_bytes() == b"content\nown link\n"
+    log.close()
+    if os.geteuid() == 0:
+        os.chown(path, 65534, 65534, follow_symlinks=False)
+    else:
+        monkeypatch.setattr(os, "geteuid", lambda: 65534)
+    for action in (lambda: log.append(b"foreign link\n"), lambda: read_tail(path)):
+        with pytest.raises(PermissionError):
+            action()
+    assert target.read_bytes() == b"content\nown link\n"
+    path.unlink()
+    os.mkfifo(path)
+    for action in (lambda: log.append(b"fifo\n"), lambda: read_tail(path)):
+        with pytest.raises(OSError, match="Invalid argument"):
+            action()
+
+
+def test_a_log_that_is_replaced_by_a_link_of_another_user_while_it_is_open_is_not_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target, path = tmp_path / "target", tmp_path / "log"
+    target.write_bytes(b"content\n")
+    log = AppendLog(path)
+    log.append(b"first\n")
+    path.unlink()
+    path.symlink_to(target)
+    if os.geteuid() == 0:
+        os.chown(path, 65534, 65534, follow_symlinks=False)
+    else:
+        monkeypatch.setattr(os, "geteuid", lambda: 65534)
+    with pytest.raises(PermissionError):
+        log.append(b"second\n")
+    assert target.read_bytes() == b"content\n"
 
 
 async def test_an_item_queued_while_a_batch_fails_is_tried_at_once() -> None:

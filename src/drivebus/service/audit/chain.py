@@ -94,7 +94,7 @@ def first_number_of(path: Path) -> int | None:
 
 def lines_backwards(path: Path) -> Iterator[bytes]:
     """Yield complete lines without their ends, last line first. Raises OSError."""
-    with path.open("rb") as file:
+    with append_log.open_to_read(path) as file:
         at = file.seek(0, os.SEEK_END)
         rest, ended = b"", False
         while at > 0:
@@ -221,7 +221,8 @@ class AuditChain:
     def _head_line(self) -> bytes:
         """Return the line of the head; b"" where there is none. One that cannot be read counts as changed."""
         try:
-            return self.paths.head.read_bytes().rstrip(b"\n")
+            with append_log.open_to_read(self.paths.head) as file:
+                return file.read().rstrip(b"\n")
         except FileNotFoundError:
             return b""
         except OSError:

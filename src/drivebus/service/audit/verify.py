@@ -11,6 +11,7 @@ from drivebus.service.api.errors import localized
 from drivebus.service.audit import records
 from drivebus.service.audit.chain import AuditPaths, first_number_of
 from drivebus.service.audit.records import AuditCheckpoint
+from drivebus.service.storage.append_log import open_to_read
 from drivebus.types import Json
 
 MAX_REPORTED_PROBLEMS: Final = 200
@@ -154,7 +155,8 @@ def _head(paths: AuditPaths, report: AuditReport, key: bytes | None) -> AuditChe
     """Return the newest checkpoint according to the head, and report a head that is none."""
     if not paths.head.exists():
         return None
-    head = records.decode_checkpoint(paths.head.read_bytes().rstrip(b"\n"), key)
+    with open_to_read(paths.head) as file:
+        head = records.decode_checkpoint(file.read().rstrip(b"\n"), key)
     if head is None:
         report.add_problem("head_changed", paths.head, 0)
     else:
@@ -182,5 +184,5 @@ def _checkpoints(paths: AuditPaths, report: AuditReport, key: bytes | None) -> l
 
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
-    with path.open("rb") as file:
+    with open_to_read(path) as file:
         yield from enumerate(file, 1)

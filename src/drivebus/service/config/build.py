@@ -76,7 +76,11 @@ class ParsedPlant:
         return str((self.base / expand_home(drive.model)).resolve())
 
     def resolve_path(self, text: str) -> Path:
-        return (self.base / expand_home(text)).resolve()
+        return self.named_path(text).resolve()
+
+    def named_path(self, text: str) -> Path:
+        """Return an absolute path without following links."""
+        return (self.base / expand_home(text)).absolute()
 
     def read_profiles(self) -> None:
         """Load the profile of every drive; each model is read once."""
@@ -120,6 +124,10 @@ def plant_config(parsed: ParsedPlant, source: str, warnings: Iterable[Diagnostic
         gateways=tuple(_gateways(parsed)),
         users=parsed.resolve_path(file.plant.users) if file.plant.users else None,
         source=source,
+        named_paths=tuple(
+            parsed.named_path(text) for text in (file.plant.directory, file.plant.users, file.audit.key) if text
+        ),
+        named_audit_files=tuple(parsed.named_path(text) for text in (file.audit.checkpoints, file.audit.head) if text),
         warnings=tuple(warnings),
     )
 

@@ -228,6 +228,10 @@ class PlantConfig:
     """User file; None: ``USER_FILE`` in the state directory."""
     source: str = ""
     """File from which it was loaded."""
+    named_paths: tuple[Path, ...] = field(default=(), compare=False)
+    """State directory, user file and audit key as that file names them, links not followed."""
+    named_audit_files: tuple[Path, ...] = field(default=(), compare=False)
+    """Checkpoints and head of the audit trail as that file names them, links not followed."""
     warnings: tuple[Diagnostic, ...] = field(default=(), compare=False)
     """Values of the file that are valid and probably a mistake."""
 

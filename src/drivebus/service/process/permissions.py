@@ -10,6 +10,7 @@ import stat
 from collections.abc import Iterator, Set
 from contextlib import suppress
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 from drivebus.errors import ConfigurationError
@@ -33,6 +34,11 @@ def check_plant_files(config: PlantConfig) -> None:
             check_trusted(path, secret=path == audit.key)
         if path.parent.is_dir():
             _check_folders(path)
+    for path in config.named_paths:
+        if path.is_symlink():
+            _check_folders(path)
+    for path in (*config.named_paths, *config.named_audit_files):  # the folders of these, elsewhere, may have any mode
+        _check_links(path)
 
 
 def certificate_problems(config: PlantConfig) -> Iterator[ConfigurationError]:
@@ -71,15 +77,22 @@ def _check_folders(path: Path, user: int | None = None) -> None:
     In a folder with the sticky bit, as /tmp, others can replace only links of their own, but create what is missing.
     Raises ConfigurationError, OSError.
     """
+    _check_links(path, user)
     for child in _names(path):
-        if child.is_symlink():
-            _check_owner(child, child.lstat().st_uid, {os.geteuid() if user is None else user, ROOT})
         for folder in child.parents:
             if not folder.stat().st_mode & stat.S_ISVTX:
                 check_trusted(folder, user=user)
             elif not child.exists():
                 raise ConfigurationError("plant.shared_folder", path=str(child), folder=str(folder))
             child = folder
+
+
+def _check_links(path: Path, user: int | None = None) -> None:
+    """Check that no other user owns a symbolic link that a name leads over. Raises ConfigurationError, OSError."""
+    for name in chain((path.absolute(),), _names(path)):
+        for link in (name, *name.parents):
+            if link.is_symlink():
+                _check_owner(link, link.lstat().st_uid, {os.geteuid() if user is None else user, ROOT})
 
 
 def _names(path: Path) -> Iterator[Path]:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 from pathlib import Path
+from typing import BinaryIO
 
 from drivebus.atomic_write import PRIVATE_FILE_MODE, PRIVATE_FOLDER_MODE, fsync_directory, write_all
 
@@ -23,12 +26,15 @@ class AppendLog:
         """A write has failed: bytes beyond ``size`` are cut off before the next one."""
 
     def open(self) -> None:
-        """Open or create the file. Idempotent. Raises OSError."""
+        """Open or create the file. Idempotent.
+
+        Raises OSError, also for no regular file, and for a symbolic link that belongs to another user.
+        """
         if self._fd >= 0:
             return
         self.path.parent.mkdir(parents=True, exist_ok=True, mode=PRIVATE_FOLDER_MODE)
         new = not self.path.exists()
-        fd = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, PRIVATE_FILE_MODE)
+        fd = _open_regular_file(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
         try:
             if new:
                 fsync_directory(self.path.parent)
@@ -90,10 +96,37 @@ class AppendLog:
         return b"\n" if written else b""
 
 
+def open_to_read(path: Path) -> BinaryIO:
+    """Open a file that others may have put there. Raises OSError as ``AppendLog.open``."""
+    return os.fdopen(_open_regular_file(path, os.O_RDONLY), "rb")
+
+
+def _open_regular_file(path: Path, flags: int) -> int:
+    """Open a regular file. Raises OSError for anything else, and for a symbolic link that belongs to another user.
+
+    In a folder that others can write, a FIFO would block for good, and a link lead to any file of this user.
+    """
+    flags |= os.O_CLOEXEC | os.O_NONBLOCK
+    try:
+        fd = os.open(path, flags | os.O_NOFOLLOW, PRIVATE_FILE_MODE)
+    except OSError as error:
+        if error.errno != errno.ELOOP:
+            raise
+        if path.lstat().st_uid not in (os.geteuid(), 0):
+            raise PermissionError(errno.EPERM, os.strerror(errno.EPERM), str(path)) from error
+        fd = os.open(path, flags, PRIVATE_FILE_MODE)
+    mode = os.fstat(fd).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(fd)
+        number = errno.EISDIR if stat.S_ISDIR(mode) else errno.EINVAL
+        raise OSError(number, os.strerror(number), str(path))
+    return fd
+
+
 def read_tail(path: Path) -> bytes:
     """Return the last ``TAIL_BYTES`` of a file, b"" where there is none. Raises OSError."""
     try:
-        with path.open("rb") as file:
+        with open_to_read(path) as file:
             file.seek(max(0, path.stat().st_size - TAIL_BYTES))
             return file.read()
     except FileNotFoundError:
