@@ -308,41 +308,41 @@ class DriveProfile:
     write_support: WriteSupport
     comm_loss: CommLossParameters
     caveats: tuple[Caveat, ...]
-    options: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any]
     """Values of the undocumented options, e.g. monitor_index, setpoint_coding, direction_field."""
-    setpoint_scale: Scale = Scale(0.01, decimals=2)
+    setpoint_scale: Scale
     """Steps of Hz; where the setpoint is a share, those under the largest maximum frequency."""
-    setpoint_share: SetpointShare | None = None
-    setpoint_rpm: float | None = None
+    setpoint_share: SetpointShare | None
+    setpoint_rpm: float | None
     """Revolutions per minute a step, where the setpoint is a speed; None where it counts Hz or a share."""
-    modbus: ModbusFeatures | None = None
-    commands: CommandMap | None = None
-    status: StatusMap | None = None
-    identity_register: int | None = None
+    modbus: ModbusFeatures | None
+    commands: CommandMap | None
+    status: StatusMap | None
+    identity_register: int | None
     """Register that look-alikes with the same status register do not have; None where the status tells them apart."""
-    identity_codes: IdentityCodes | None = None
+    identity_codes: IdentityCodes | None
     """Codes of the models with this map; None where the drive reports none."""
-    group_sizes: Mapping[str, int] = field(default_factory=dict)
+    group_sizes: Mapping[str, int]
     """Group to its number of parameters, supplied by the user (VC660): gives Fgg.nn its index."""
-    ramp_notations: tuple[str, str] | None = None
+    ramp_notations: tuple[str, str] | None
     """Parameters of acceleration and deceleration time, where known."""
-    keypad: tuple[Text, ...] = ()
+    keypad: tuple[Text, ...]
     """Keypad steps, in order."""
-    wiring: Text | None = None
-    source: str = ""
+    wiring: Text | None
+    source: str
     """Path of its file."""
-    open_questions: tuple[OpenQuestion, ...] = ()
-    notation: NotationRule = NotationRule("modbus", "register", 0xFFFF)
-    unplaced: Mapping[str, UnplacedParameter] = field(default_factory=dict)
+    open_questions: tuple[OpenQuestion, ...]
+    notation: NotationRule
+    unplaced: Mapping[str, UnplacedParameter]
     """Parameters without a known address, by notation."""
-    roles: Mapping[str, str] = field(default_factory=dict)
+    roles: Mapping[str, str]
     """Parameters of the protocol itself: monitor_selector (content of a class-4 reply), protocol, address, baud,
     format, reply_delay. Absent where unknown."""
-    fault_label: str = ""
+    fault_label: str
     """Label of a code that ``faults`` does not list, e.g. ``Fu.{code}``."""
-    fault_text: Text | None = None
+    fault_text: Text | None
     """Text of such a code, with the parameter ``{code}``."""
-    evidence: Mapping[str, Evidence] = field(default_factory=dict)
+    evidence: Mapping[str, Evidence]
     """Name of a section of the file, such as "serial" → origin of all its facts."""
 
     def fault(self, code: int) -> FaultEntry:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 
@@ -41,28 +41,28 @@ class CommandMap:
     bits: Mapping[str, CommandBit]
     """Name (``schema.CommandName``) to its bit."""
     setpoint_register: int
-    rewrite_levels_after_pulse: bool = False
-    values: Mapping[str, int] = field(default_factory=dict)
+    rewrite_levels_after_pulse: bool
+    values: Mapping[str, int]
     """Name (``schema.CommandValueName``) to the whole word, where the command word is a number. Then there are no
     ``bits``."""
-    variants: Mapping[str, Mapping[str, Mapping[str, CommandBit]]] = field(default_factory=dict)
+    variants: Mapping[str, Mapping[str, Mapping[str, CommandBit]]]
     """Option to its values to the bits that apply only under that value."""
-    words: int = 1
+    words: int
     """Registers of the command word, such as run and direction: a frame writes them all."""
-    written_to: Literal["register", "coils", "coil"] = "register"
+    written_to: Literal["register", "coils", "coil"]
     """coils: the bits of the word are the coils from ``register`` on, in one frame; coil: the word counts from
     ``register`` to the one coil that is switched on."""
-    coil_count: int = 0
+    coil_count: int
     """Coils of the word where it is written to coils."""
-    reset: FixedWrite | None = None
+    reset: FixedWrite | None
     """Fault reset outside the command word."""
-    unlock: FixedWrite | None = None
+    unlock: FixedWrite | None
     """Write without which the drive rejects every command; it moves nothing."""
-    preparation: tuple[StartStep, ...] = ()
+    preparation: tuple[StartStep, ...]
     """Words before a start, in their order."""
-    ready: WordMatch | None = None
+    ready: WordMatch | None
     """Status in which a start word may be sent; None where any stopped state will do."""
-    reset_on_edge: bool = False
+    reset_on_edge: bool
     """The stop word is sent before the reset, so that the bit of the reset rises."""
 
     @property
@@ -118,21 +118,21 @@ class StatusMap:
     register: int
     bits: Mapping[str, int]
     """Name (``schema.StatusName``) to its mask."""
-    reserved_mask: int = 0
+    reserved_mask: int
     """Bits that must read 0; otherwise the word is rejected."""
-    fault_registers: tuple[int, ...] = ()
-    values: Mapping[int, str] = field(default_factory=dict)
+    fault_registers: tuple[int, ...]
+    values: Mapping[int, str]
     """Value to its state (``schema.StatusValueName``), of a status word that is a number; any other is rejected."""
-    mask: int = 0xFFFF
+    mask: int
     """Part of the word that ``values`` count."""
-    numbers_fault: bool = False
+    numbers_fault: bool
     """A fault register holds the number of one fault, 0 for none; otherwise a bit for each."""
-    fault_mask: int = 0xFFFF
+    fault_mask: int
     """Field of the number; its lowest bit counts 1."""
-    standstill: Literal["status", "output_frequency", "output_speed", "status_alone"] = "status"
+    standstill: Literal["status", "output_frequency", "output_speed", "status_alone"]
     """output_frequency: a word without motion means decelerating until the signal output_frequency reads 0. status:
     that signal need not be read, but contradicts such a word; status_alone: it does not, being not 0 at rest."""
-    space: Literal["holding", "input", "coil", "discrete"] = "holding"
+    space: Literal["holding", "input", "coil", "discrete"]
     """Space of the status word; the bits of one of coils are those from ``register`` on."""
 
     @property

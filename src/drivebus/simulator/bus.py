@@ -12,11 +12,11 @@ from collections.abc import Callable, Iterable
 from typing import Any, Protocol
 
 from drivebus.serial_settings import SerialSettings
-from drivebus.simulator.framing import FrameReceiver, ReceivedFrame
+from drivebus.simulator.framing import SILENCE_TOLERANCE_S, FrameReceiver, ReceivedFrame
 from drivebus.simulator.line_quality import LineQuality, parse_line_quality
 from drivebus.simulator.station import SimulatedStation
 from drivebus.simulator.timer import LoopTimer
-from drivebus.simulator.wire import MASTERS, TO_ALL, TO_STATIONS, Transmission, Wire
+from drivebus.simulator.wire import EPSILON_S, MASTERS, TO_ALL, TO_STATIONS, Transmission, Wire
 
 
 class BusMaster(Protocol):
@@ -83,7 +83,7 @@ class SimulatedBus:
         self.masters: list[BusMaster] = []
         self.on_replug: list[Callable[[], None]] = []
         """Called by ``replug``: servers open their ports again."""
-        self.jitter_tolerance_s = 1e-6
+        self.jitter_tolerance_s = SILENCE_TOLERANCE_S
         """Tolerance of measured silences in seconds, higher on ports that the operating system delays."""
         self._loop: asyncio.AbstractEventLoop | None = None
         self._timer: LoopTimer | None = None
@@ -235,7 +235,7 @@ class SimulatedBus:
 
     def _deliver_to_stations(self, transmission: Transmission, decision_delay_s: float, now: float) -> None:
         data, line_errors = transmission.received()
-        is_silent = self.wire.silent_since(now) <= transmission.end + 1e-9
+        is_silent = self.wire.silent_since(now) <= transmission.end + EPSILON_S
         for group in self._groups:
             receiver = group.receiver
             if receiver.decision_delay_s != decision_delay_s:

@@ -14,6 +14,7 @@ from drivebus.errors import ProtocolError
 from drivebus.protocols.codec import Codec, Complete
 from drivebus.serial_settings import SerialSettings
 
+SILENCE_TOLERANCE_S = 1e-6  # a silence in the event loop's time may be rounded to a little less
 DECODED_FRAMES = 1024  # distinct frames kept decoded: masters repeat their polls
 
 
@@ -60,7 +61,11 @@ class FrameReceiver:
     """Frame receiver for one family, or one encoding of it, on one wire."""
 
     def __init__(
-        self, codecs: tuple[Codec, ...], rule: FramingRule, settings: SerialSettings, tolerance_s: float = 1e-6
+        self,
+        codecs: tuple[Codec, ...],
+        rule: FramingRule,
+        settings: SerialSettings,
+        tolerance_s: float = SILENCE_TOLERANCE_S,
     ) -> None:
         self.codecs = codecs
         self.rule = rule

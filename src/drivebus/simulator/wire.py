@@ -15,7 +15,7 @@ from drivebus.clock import Rng
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.line_quality import LineQuality
 
-_EPSILON_S = 1e-9
+EPSILON_S = 1e-9  # times of the wire that differ by less are equal
 _PAUSE_CHARACTERS = 5.0
 """Silence of a station between two frames of its own, in characters."""
 
@@ -70,8 +70,8 @@ class Transmission:
     def overlapped(self, other: Transmission) -> range:
         """Return the characters that overlap with ``other``."""
         size = len(self.data)
-        first = int(max(0.0, (other.start - self.start) / self.character_s + _EPSILON_S))
-        last = ceil(min(size, (other.end - self.start) / self.character_s - _EPSILON_S))
+        first = int(max(0.0, (other.start - self.start) / self.character_s + EPSILON_S))
+        last = ceil(min(size, (other.end - self.start) / self.character_s - EPSILON_S))
         return range(first, max(first, last))
 
 
@@ -169,7 +169,7 @@ class Wire:
         """Return the time at which the last bit that began before ``now`` ends."""
         end: float | None = None
         for recent in self._recent:
-            if recent.start < now - _EPSILON_S and (end is None or recent.end > end):
+            if recent.start < now - EPSILON_S and (end is None or recent.end > end):
                 end = recent.end
         return self._last_end if end is None else end
 
@@ -179,7 +179,7 @@ class Wire:
 
     def pop_event(self, now: float) -> WireEvent | None:
         """Return the next part that is received by ``now``."""
-        if not self._events or self._events[0].at > now + _EPSILON_S:
+        if not self._events or self._events[0].at > now + EPSILON_S:
             return None
         return heappop(self._events)
 
@@ -258,7 +258,7 @@ class Wire:
     def _delivery_time(self, transmission: Transmission, index: int) -> float:
         at = transmission.start + (index + 1) * transmission.character_s
         grid = self.line_quality.batch_s
-        return ceil(at / grid - _EPSILON_S) * grid if grid else at
+        return ceil(at / grid - EPSILON_S) * grid if grid else at
 
     def _push(
         self, at: float, side: Side, transmission: Transmission, first: int, last: int, decision_delay_s: float = 0.0
