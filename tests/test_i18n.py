@@ -83,6 +83,13 @@ def test_no_text_is_empty_and_english_has_no_chinese(catalogue: str) -> None:
 
 
 @pytest.mark.parametrize("catalogue", NAMES)
+def test_no_english_text_leaves_the_choice_of_a_plural_to_its_reader(catalogue: str) -> None:
+    """Regression: "6 byte(s)" and "1 frame(s)"."""
+    english = read_catalogue(catalogue, "en")
+    assert not [key for key, sentence in english.items() if re.search(r"[a-z]\(e?s\)", sentence)]
+
+
+@pytest.mark.parametrize("catalogue", NAMES)
 def test_every_text_longer_than_a_name_is_translated(catalogue: str) -> None:
     english, chinese = read_catalogue(catalogue, "en"), read_catalogue(catalogue, "zh")
     same = {

@@ -293,7 +293,7 @@ def test_the_command_writes_the_file_and_says_what_is_in_it_and_how_to_open_it(t
     assert result.exit_code == 0
     assert f"{out}: 3 frames, 2 sent and 1 received; 2 of them Modbus RTU." in result.stdout
     assert f"wireshark -o mbrtu.udp.port:50502 -o mbrtu.crc_verification:TRUE {out}" in result.stdout
-    assert "1 frames are not Modbus RTU" in result.stderr
+    assert "Modbus ASCII or noise): 1." in result.stderr
     assert len(list(blocks(out.read_bytes()))) == 5
     assert b"trip.dbcap" in out.read_bytes(), "the file says what it is"
 

@@ -554,5 +554,5 @@ def test_scan_fails_where_only_bytes_without_a_valid_reply_were_received() -> No
     found = run_json(*words, code=1)["found"]
     assert found and not any(drive["valid_reply"] for drive in found)
     text = run_text(*words, "--lang", "en", code=1)
-    assert text.count("stray byte(s) come before its reply") == len(found) == 1
-    assert "stray byte(s) come before its reply" in found[0]["unusable_reply"]
+    assert text.count("stray bytes come before its reply") == len(found) == 1
+    assert "stray bytes come before its reply" in found[0]["unusable_reply"]

@@ -304,9 +304,9 @@ async def test_no_message_is_shown_without_its_beginning(language: str) -> None:
 
 
 async def test_a_long_port_in_the_title_is_cut_and_not_left_out() -> None:
-    """Regression: the title wrapped, and "4 drive(s) ·" was the end of its only line."""
+    """Regression: the title wrapped, and "drives: 4 ·" was the end of its only line."""
     source = FakeRowSource()
-    source.title = "reads only · 4 drive(s) · sim://c320@1-3?line_quality=loss=0.1,flip=0.01,late=0.1:0.4 · 9600 8E1"
+    source.title = "reads only · drives: 4 · sim://c320@1-3?line_quality=loss=0.1,flip=0.01,late=0.1:0.4 · 9600 8E1"
     screen = MonitorApp(source)
     async with screen.run_test(size=(80, 24)) as pilot:
         await pilot.pause(0.4)

@@ -498,7 +498,7 @@ def test_noise_at_most_doubles_the_announced_time_and_adds_five_seconds(
     probes = sum(one.probe_count for one in passes)
     assert (progress.unsent == probes) is (len(port.sent) == 0) is (period_s == 0.001)
     print_scan("x", progress, None, ExitCode.FAILED)
-    assert ("requests were not sent" in capsys.readouterr().err) is (progress.unsent > 0)
+    assert ("Requests that were not sent" in capsys.readouterr().err) is (progress.unsent > 0)
 
 
 def test_a_drive_is_found_after_noise_that_takes_less_than_its_time() -> None:
