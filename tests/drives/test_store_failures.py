@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -130,6 +131,18 @@ def test_whatever_the_system_refuses_is_our_error(tmp_path: Path, monkeypatch: p
         FileStore(tmp_path / "new" / "s.json").put("a", "1")
     assert "Read-only file system" in caught.value.text("en")
     assert "文件系统为只读" in caught.value.text("zh") and "s.json" in caught.value.text("zh")
+
+
+def test_no_other_user_can_write_calibrations_waivers_and_limits_whatever_the_umask(tmp_path: Path) -> None:
+    """Under the umask 000 their file was writable by every user."""
+    store = FileStore(tmp_path / "new" / "s.json")
+    umask = os.umask(0)
+    try:
+        store.put("a", "1")
+    finally:
+        os.umask(umask)
+    modes = {path.name: path.stat().st_mode & 0o777 for path in (store.path.parent, *store.path.parent.iterdir())}
+    assert modes == {"new": 0o700, "s.json": 0o600, "s.lock": 0o600}
 
 
 def test_what_killed_writers_left_behind_does_not_pile_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
+import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TextIO
 
 from drivebus import atomic_write
 from drivebus.errors import ConfigurationError, SystemReason
@@ -51,8 +52,9 @@ class MemoryStore:
 class FileStore:
     """Store in a file; ``put`` and ``update`` return when the value would survive a power cut.
 
-    Several programs may use one file: each change reads it again under a lock. Raises ConfigurationError where the file
-    has another format, or can't be read or written: counters never start again from nothing.
+    Only its owner can read and write it. Several programs may use one file: each change reads it again under a lock.
+    Raises ConfigurationError where the file has another format, or can't be read or written: counters never start again
+    from nothing.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -66,7 +68,7 @@ class FileStore:
 
     def update(self, key: str, change: Callable[[str | None], str]) -> None:
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self.path.parent.mkdir(parents=True, exist_ok=True, mode=atomic_write.PRIVATE_FOLDER_MODE)
             with _locked(self.path.with_suffix(".lock")):
                 values = self._read()
                 values[key] = change(values.get(key))
@@ -131,7 +133,7 @@ def _encode(values: Mapping[str, str]) -> str:
 
 
 def _replace(path: Path, text: str) -> None:
-    atomic_write.atomic_write(path, text.encode())
+    atomic_write.atomic_write(path, text.encode(), atomic_write.PRIVATE_FILE_MODE)
 
 
 @contextlib.contextmanager
@@ -140,12 +142,16 @@ def _locked(path: Path) -> Iterator[None]:
     try:
         from fcntl import LOCK_EX, flock
     except ImportError:  # Windows
-        with path.open("w") as file, _locked_by_msvcrt(file.fileno()):
+        with _open_lock_file(path) as file, _locked_by_msvcrt(file.fileno()):
             yield
         return
-    with path.open("w") as file:
+    with _open_lock_file(path) as file:
         flock(file, LOCK_EX)
         yield
+
+
+def _open_lock_file(path: Path) -> TextIO:
+    return os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT, atomic_write.PRIVATE_FILE_MODE), "w")
 
 
 @contextlib.contextmanager
