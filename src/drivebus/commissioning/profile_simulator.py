@@ -36,7 +36,7 @@ from drivebus.profiles.words import CommandMap, StatusMap
 from drivebus.protocols import modbus
 from drivebus.protocols.codec import Codec
 from drivebus.protocols.family import Locator
-from drivebus.protocols.modbus.messages import ILLEGAL_FUNCTION, ILLEGAL_REGISTER, ILLEGAL_VALUE
+from drivebus.protocols.modbus.messages import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.framing import MODBUS_ASCII_FRAMING, MODBUS_RTU_FRAMING
 from drivebus.simulator.motor import Motor, OutputPhase, Trip
@@ -196,12 +196,12 @@ class ProfileStation(SimulatedStation):
         if span not in blocks and any(
             block.covers(span._replace(start=n, length=1)) for block in blocks for n in range(span.start, span.end)
         ):
-            return modbus.ExceptionReply(request.address, request.function, ILLEGAL_REGISTER)
+            return modbus.ExceptionReply(request.address, request.function, ILLEGAL_ADDRESS)
         values = [self._value((span.space, place)) for place in range(span.start, span.end)]
         if isinstance(request, modbus.ReadBits) and any(value is not None for value in values):
             return modbus.BitValues(request.address, request.function, tuple(bool(value) for value in values))
         if None in values and span not in blocks:
-            return modbus.ExceptionReply(request.address, request.function, ILLEGAL_REGISTER)
+            return modbus.ExceptionReply(request.address, request.function, ILLEGAL_ADDRESS)
         return modbus.RegisterValues(request.address, request.function, tuple(value or 0 for value in values))
 
     def _value(self, locator: Locator) -> int | None:
@@ -291,7 +291,7 @@ class ProfileStation(SimulatedStation):
         """Execute a write. Return 0 or the code of the exception."""
         writes = self._writes.recognize(changes)
         if writes is None:
-            return ILLEGAL_REGISTER
+            return ILLEGAL_ADDRESS
         places = iter(changes)
         for write in writes:
             part = list(islice(places, write.width))
@@ -320,12 +320,12 @@ class ProfileStation(SimulatedStation):
             case ParameterWrite(parameter=parameter):
                 number = join_words((value for _, _, value in changes), self.features)
                 return self._store_parameter(parameter, number, changes[0][1])
-        return ILLEGAL_REGISTER
+        return ILLEGAL_ADDRESS
 
     def _store_parameter(self, parameter: Parameter, number: int, written: int) -> int:
         key = _memory_key(parameter.locator)
         if key not in self.memory.specs:
-            return ILLEGAL_REGISTER
+            return ILLEGAL_ADDRESS
         if self.memory.write_rejection(key, number, running=self.running) is not None:
             return ILLEGAL_VALUE
         self.memory.write(key, number, save=self.profile.write_support.saves(parameter.locator[1], written))

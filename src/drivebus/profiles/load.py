@@ -156,8 +156,9 @@ def _find_file(model: str | Path, beside: Path | None = None) -> Path:
         if not path.is_file():
             raise _single_error(path, issue("no_file", (), None))
         return path.resolve()
-    shipped, own = _file_in_any_case(name, _builtin_files()) or _file_in_any_case(name, _family_files()), None
-    with suppress(ProfileError) if shipped else nullcontext():
+    shipped = _file_in_any_case(name, _builtin_files()) or _file_in_any_case(name, _family_files())
+    own: Path | None = None
+    with suppress(ProfileError) if shipped else nullcontext():  # an unreadable directory hides no shipped model
         own = _file_in_any_case(name, _user_files())
     if shipped and own and (own.stem == name or shipped.stem != name):
         raise _single_error(own, issue("shadows", (), name))
@@ -279,7 +280,8 @@ def _merge(base: Mapping[str, Any], top: Mapping[str, Any]) -> dict[str, Any]:
 
 def _located_error(sources: list[_TomlSource], issues: list[Issue]) -> ProfileError:
     """Return the error with each issue at the line of its key, in the nearest file that has it."""
-    located = sorted((_locate_issue(sources, fault) for fault in issues), key=lambda c: (c.file, c.line or 0))
+    located = [_locate_issue(sources, fault) for fault in issues]
+    located.sort(key=lambda diagnostic: (diagnostic.file, diagnostic.line or 0))
     return profile_error(located)
 
 

@@ -26,11 +26,17 @@ MAX_WRITE_BITS: Final = 1968
 """Most coils of one request (V1.1b3, 6.1 and 6.11)."""
 
 ILLEGAL_FUNCTION: Final = 1
-ILLEGAL_REGISTER: Final = 2
+ILLEGAL_ADDRESS: Final = 2
 ILLEGAL_VALUE: Final = 3
+DEVICE_FAILURE: Final = 4
 EXCEPTION_CODES: Final = frozenset((1, 2, 3, 4, 5, 6, 7, 8, 10, 11))
 """Codes of V1.1b3 section 7; VC660 documents 1 to 4."""
-EXCEPTION_NAMES: Final = {1: "illegal_function", 2: "illegal_address", 3: "illegal_value", 4: "failed"}
+EXCEPTION_NAMES: Final = {
+    ILLEGAL_FUNCTION: "illegal_function",
+    ILLEGAL_ADDRESS: "illegal_address",
+    ILLEGAL_VALUE: "illegal_value",
+    DEVICE_FAILURE: "failed",
+}
 """Exceptions that V1.1b3 section 7 and the VC660 manual define alike."""
 
 

@@ -18,8 +18,8 @@ from drivebus.protocols.modbus.messages import (
     ECHO_FUNCTIONS,
     EXCEPTION_CODES,
     FUNCTIONS,
+    ILLEGAL_ADDRESS,
     ILLEGAL_FUNCTION,
-    ILLEGAL_REGISTER,
     ILLEGAL_VALUE,
     MAX_READ,
     MAX_READ_BITS,
@@ -184,7 +184,7 @@ def _parse_counted_request(octets: bytes, address: int, function: int, register:
     if not 1 <= count <= _MAX_COUNTS[function]:
         raise IllegalRequest("modbus.count", octets, ILLEGAL_VALUE, expected=_MAX_COUNTS[function], found=count)
     if register + count > 0x10000:
-        raise IllegalRequest("modbus.range", octets, ILLEGAL_REGISTER, expected=0xFFFF, found=register + count - 1)
+        raise IllegalRequest("modbus.range", octets, ILLEGAL_ADDRESS, expected=0xFFFF, found=register + count - 1)
     if function in READ_FUNCTIONS:  # registers were read above
         return ReadBits(address, register, count, function)
     expected = 2 * count if function == 16 else (count + 7) // 8

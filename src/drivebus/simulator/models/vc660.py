@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Literal
 from drivebus.errors import ProtocolError
 from drivebus.protocols import modbus
 from drivebus.protocols.codec import Codec
+from drivebus.protocols.modbus.messages import DEVICE_FAILURE, ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.framing import MODBUS_RTU_FRAMING, FramingRule
 from drivebus.simulator.motor import Motor, OutputPhase, Trip
@@ -28,8 +29,6 @@ START, STOP, REVERSE, JOG_FORWARD, JOG_REVERSE = 1 << 0, 1 << 1, 1 << 2, 1 << 3,
 COAST, EMERGENCY, PAUSE, HOLD, RESET = 1 << 5, 1 << 6, 1 << 7, 1 << 8, 1 << 9
 PULSE_BITS = START | STOP | COAST | EMERGENCY | RESET
 """Marked * in the control table."""
-
-ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, FAILED = 1, 2, 3, 4
 
 FAULT_BITS = {Trip.UNDERVOLTAGE: 0} | {
     trip: 1 + n for n, trip in enumerate(t for t in Trip if t is not Trip.UNDERVOLTAGE)
@@ -225,7 +224,7 @@ class VC660Station(SimulatedStation):
             return 0
         if rejection in (RejectReason.UNKNOWN, RejectReason.HIDDEN):
             return ILLEGAL_ADDRESS
-        return ILLEGAL_VALUE if rejection is RejectReason.RANGE else FAILED
+        return ILLEGAL_VALUE if rejection is RejectReason.RANGE else DEVICE_FAILURE
 
     def _control_register(self, number: int, value: int) -> int:
         match number:
