@@ -22,6 +22,7 @@ FOLDER = ROOT / "docs" / "security"
 LEVELS = {"asvs": {"1": 70, "2": 183}, "iec62443": {"1": 34, "2": 19}}
 """Requirements of each level: ASVS 5.0.0, and IEC 62443-4-2 for a software application."""
 CHINESE = re.compile(r"[\u3000-\u9fff\uff00-\uffef]")
+PAGES = [ROOT / "docs" / "explanation" / name for name in ("security.md", "security.zh.md")]
 MAX_NAME_LENGTH = 24  # argon2id, no-store, 4xx: names that are the same in both languages
 
 
@@ -37,6 +38,20 @@ def test_each_named_test_exists(name: str) -> None:
         if path:
             text = (ROOT / path).read_text(encoding="utf-8")
             assert not test or re.search(rf"^(async )?def {test}\(", text, re.MULTILINE), row
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_each_link_of_the_page_to_a_test_has_the_name_of_a_test_in_that_file(page: Path) -> None:
+    """Four promises named tests that had other names, which no search could find."""
+    links = re.findall(r"\[([^\]]+)\]\(\.\./\.\./(tests/[^)#]+\.py)\)", page.read_text(encoding="utf-8"))
+    assert len(links) > 100
+    unknown = [
+        (text, path)
+        for text, path in links
+        if text != Path(path).name
+        and f"def test_{text.replace(' ', '_')}(" not in (ROOT / path).read_text(encoding="utf-8")
+    ]
+    assert unknown == []
 
 
 @pytest.mark.parametrize("name", LEVELS)
@@ -59,9 +74,9 @@ def test_every_text_is_in_both_languages(name: str) -> None:
             assert CHINESE.search(zh) or (en == zh and len(zh) <= MAX_NAME_LENGTH), row
 
 
-@pytest.mark.parametrize("page", ["security.md", "security.zh.md"])
-def test_every_key_of_the_state_directory_is_on_the_page(page: str) -> None:
-    text = (ROOT / "docs" / "explanation" / page).read_text(encoding="utf-8")
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_key_of_the_state_directory_is_on_the_page(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
     for file in (USER_FILE, SessionStore(ROOT).path.name, DEVICE_KEY_FILE, SETUP_SECRET_FILE, "NAME.audit.key"):
         assert f"`{file}`" in text
 
