@@ -167,6 +167,7 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
     EchoDetector: {
         "ruled_out": "same",
         "state": "",
+        "_initial_state": "",
         "_is_assumed": "",
         "_missing_echoes": "",
         "_mirrored_frame": "",

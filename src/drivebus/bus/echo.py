@@ -35,27 +35,34 @@ class EchoState(Enum):
 class EchoDetector:
     """Detector for one port: whether it echoes, and whether a reply that equals its request may be accepted."""
 
-    __slots__ = ("_is_assumed", "_mirrored_frame", "_missing_echoes", "autodetect", "echo_count", "ruled_out", "state")
+    __slots__ = (
+        "_initial_state",
+        "_is_assumed",
+        "_mirrored_frame",
+        "_missing_echoes",
+        "autodetect",
+        "echo_count",
+        "ruled_out",
+        "state",
+    )
 
     def __init__(self, setting: str) -> None:
         self.autodetect = setting == "detect"
-        self.state = EchoState.UNKNOWN if self.autodetect else EchoState(setting)
+        self._initial_state = EchoState.UNKNOWN if self.autodetect else EchoState(setting)
+        self.echo_count = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Reset the detection, because the adapter may be another one now."""
+        self.state = self._initial_state
         self.ruled_out = False
         """Whether a reply unlike its request was received without an echo before it: ``state`` is OFF then."""
-        self.echo_count = 0
         self._is_assumed = False
         """Whether ``state`` is ON only because a reply that equals its request was received twice: the first of the two
         may be the echo, or the adapter has none and something on the bus sends each reply twice."""
         self._missing_echoes = 0
         self._mirrored_frame = b""
         """Last frame that was received again completely and not accepted as a reply."""
-
-    def reset(self) -> None:
-        """Reset the detection, because the adapter may be another one now."""
-        self.ruled_out = False
-        self._missing_echoes, self._mirrored_frame, self._is_assumed = 0, b"", False
-        if self.autodetect:
-            self.state = EchoState.UNKNOWN
 
     def filter_for(self, prepared: PreparedRequest) -> EchoFilter | None:
         """Return the filter for the bytes that follow this frame, None where no echo is expected."""
@@ -70,17 +77,17 @@ class EchoDetector:
     def observe(self, transaction: Transaction) -> None:
         """Update the state from a finished transaction."""
         echo = transaction.echo
-        if echo is not None and echo.is_complete and echo.sent:
+        if echo is not None and echo.was_received:
             self.echo_count += 1
             self._missing_echoes = 0
             self.state = EchoState.ON
             self._is_assumed = self._is_assumed and transaction.prepared.is_mirrorable()
         elif echo is not None and echo.tentative:
-            alone = not echo.matched and transaction.message is not None and transaction.final_error() is None
-            self.state, self._is_assumed = EchoState.OFF if alone else EchoState.UNKNOWN, False
+            alone = transaction.message is not None and transaction.final_error() is None
+            self.state = EchoState.OFF if alone else EchoState.UNKNOWN
         elif echo is not None:
             self._missing_echoes += 1
-            if self.autodetect and self._missing_echoes >= MAX_MISSING_ECHOES:
+            if self._missing_echoes >= MAX_MISSING_ECHOES:
                 self.reset()
         elif self.autodetect and (_echoed_before_tx_end(transaction) or _echoed_as_reply(transaction)):
             self.state, self.ruled_out = EchoState.ON, False
@@ -88,8 +95,7 @@ class EchoDetector:
 
     def accepts(self, transaction: Transaction) -> bool:
         """Return whether this complete reply is not our own frame; a reply unlike its request rules the echo out."""
-        echo = transaction.echo
-        if echo is not None and echo.is_complete and echo.sent:
+        if transaction.echo is not None and transaction.echo.was_received:
             return True
         if transaction.buffer != transaction.prepared.data:
             if not transaction.bytes_before_tx_end:

@@ -48,6 +48,11 @@ class EchoFilter:
     def is_complete(self) -> bool:
         return self.matched == len(self.sent)
 
+    @property
+    def was_received(self) -> bool:
+        """Whether the whole echo was received; False where a tentative one turned out to be none."""
+        return self.is_complete and bool(self.sent)
+
     def strip(self, data: bytes) -> bytes:
         """Return the bytes that do not belong to the echo."""
         if self.is_complete or self.collided:
@@ -158,7 +163,7 @@ class Transaction:
         }
         if count:
             return NoReply("bus.truncated", **params)
-        echoed = self.echo is not None and self.echo.is_complete and bool(self.echo.sent)
+        echoed = self.echo is not None and self.echo.was_received
         if echoed and self.prepared.is_mirrorable():  # the echo may have been a reply that equals the request
             return NoReply("bus.only_own_frame", **params)
         last_reply_at = self.prepared.station.last_reply_at
