@@ -31,7 +31,7 @@ from drivebus.drives.dialects.modbus_writes import (
 )
 from drivebus.errors import ProtocolError
 from drivebus.profiles.load import load, model_name, models
-from drivebus.profiles.model import SETPOINT_STEP, DriveProfile, ModbusFeatures, Parameter, Signal
+from drivebus.profiles.model import SETPOINT_STEP, DriveProfile, Parameter, Signal
 from drivebus.profiles.words import CommandMap, StatusMap
 from drivebus.protocols import modbus
 from drivebus.protocols.codec import Codec
@@ -97,7 +97,7 @@ class ProfileStation(SimulatedStation):
         super().__init__(address, _parameter_specs(profile), motor)
         self.is_ascii = profile.encodings[0] == "ascii"
         self.rule = MODBUS_ASCII_FRAMING if self.is_ascii else MODBUS_RTU_FRAMING
-        self.features = profile.modbus or ModbusFeatures()
+        self.features = profile.modbus_features
         rtu_codec = modbus.ModbusRtuCodec(count_bytes=self.features.reply_count_bytes)
         self.codecs: tuple[Codec, ...] = (modbus.ModbusAsciiCodec() if self.is_ascii else rtu_codec,)
         self.factory_settings = SerialSettings.parse(profile.serial.baud, profile.serial.format)  # type: ignore[misc]

@@ -182,20 +182,20 @@ class WriteSupport:
 class ModbusFeatures:
     """Modbus functions and limits of a model."""
 
-    functions: tuple[int, ...] = (3, 6)
-    max_read: int = 125
-    error_form: Literal["exception", "short"] = "exception"
+    functions: tuple[int, ...]
+    max_read: int
+    error_form: Literal["exception", "short"]
     """"short": function unchanged and one byte 00 (DF800); exceptions are accepted as well."""
-    loopback: bool = False
-    word_order: Literal["high_first", "low_first"] = "high_first"
+    loopback: bool
+    word_order: Literal["high_first", "low_first"]
     """Order of the registers of a number that has two."""
-    blocks: tuple[tuple[int, int], ...] = ()
+    blocks: tuple[tuple[int, int], ...]
     """First register and count of each block of holding registers that is read only as a whole."""
-    reply_count_bytes: int = 1
+    reply_count_bytes: int
     """Bytes of the byte count in the reply to a read (Huanyang H2A: 2)."""
-    rejected_read: int | None = None
+    rejected_read: int | None
     """Registers of a read that only exception 03 answers, and that no other read is answered by: the sync probe."""
-    sync_block: tuple[int, int] | None = None
+    sync_block: tuple[int, int] | None
     """The block that function 04 reads as the sync probe; None where two neighbouring registers or FC08 serve."""
 
 
@@ -361,6 +361,12 @@ class DriveProfile:
     def jog_frequency(self) -> JogFrequency | None:
         """Where the frequency of a jog comes from; None where the model can't jog."""
         return protocol_family(self.family).jog_frequency if "jog" in self.capabilities else None
+
+    @property
+    def modbus_features(self) -> ModbusFeatures:
+        """``modbus`` of a register-based model, whose profile always has it."""
+        assert self.modbus is not None
+        return self.modbus
 
     def question(self, option: str) -> OpenQuestion:
         """Return the question that an option of this profile answers."""

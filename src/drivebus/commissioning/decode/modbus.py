@@ -31,7 +31,7 @@ from drivebus.drives.dialects.modbus_writes import (
     UnlockWrite,
 )
 from drivebus.profiles import DriveProfile
-from drivebus.profiles.model import ModbusFeatures, Parameter, Signal
+from drivebus.profiles.model import Parameter, Signal
 from drivebus.profiles.notation import format_locator
 from drivebus.protocols import modbus
 from drivebus.protocols.describe import FrameDescription, FrameDirection, Note, note
@@ -49,7 +49,7 @@ def describe(
     profile: DriveProfile, data: bytes, encoding: str, direction: FrameDirection | None, request: bytes | None
 ) -> FrameDescription:
     """Describe a frame. A misprinted reply of the manual shows the fields that were meant, and stays invalid."""
-    features = profile.modbus or ModbusFeatures()
+    features = profile.modbus_features
     description = modbus.describe(data, encoding, direction, request, features.error_form, features.reply_count_bytes)
     sent = {} if request is None else modbus.describe(request, encoding, "request", None, features.error_form).fields
     misprint = misprint_of(profile.model, data)
@@ -177,7 +177,7 @@ def _value_row(profile: DriveProfile, locator: Locator, values: Mapping[Locator,
     name = getattr(entry, "name", None)
     if name and not i18n.known(f"signal.{name}"):  # a name of the profile's own has its text there only
         row["meaning"] = entry.text
-    number = span_value(span_of(entry), values, profile.modbus or ModbusFeatures())
+    number = span_value(span_of(entry), values, profile.modbus_features)
     value = scaled_value(entry, number) if entry.unit and number is not None else None
     return row | ({"name": name} if name else {}) | ({} if value is None else {"value": value, "unit": entry.unit})
 
@@ -186,7 +186,7 @@ def _recognized_fields(profile: DriveProfile, fields: Mapping[str, Any]) -> Fiel
     """Return what a write of coils or of several registers means."""
     changes = _changes(fields)
     commands = profile.commands.resolved(profile.options) if profile.commands else None
-    features = profile.modbus or ModbusFeatures()
+    features = profile.modbus_features
     added = FieldDict()
     place = 0
     for write in ModbusWrites(0, profile, commands).recognize(changes) or ():

@@ -48,7 +48,7 @@ from drivebus.drives.dialects.status_word import derive_state, is_valid_status, 
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import DerivedState, Direction, DriveState
 from drivebus.errors import CapabilityError, ProtocolError, StartInhibited
-from drivebus.profiles.model import DriveProfile, ModbusFeatures, Parameter, Signal
+from drivebus.profiles.model import DriveProfile, Parameter, Signal
 from drivebus.profiles.words import CommandMap, StatusMap
 from drivebus.protocols.codec import Codec, Effect
 from drivebus.protocols.family import Locator
@@ -93,7 +93,7 @@ class ModbusDialect(Dialect):
         """``nonce_start``: first number of the loop-backs that serve as sync probes."""
         super().__init__(profile, address, options)
         self._nonce_start = nonce_start
-        self._features: ModbusFeatures = profile.modbus or ModbusFeatures()
+        self._features = profile.modbus_features
         form, most = self._features.error_form, self._features.max_read
         ascii_codec = ModbusAsciiCodec(form, most, tolerate_leading_noise=timing.tolerate_leading_noise)
         rtu_codec = ModbusRtuCodec(

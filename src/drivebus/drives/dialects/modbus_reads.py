@@ -151,8 +151,8 @@ def sync_spans(profile: DriveProfile) -> tuple[Span, ...]:
 
     A model with a block for it has that, read by function 04. Raises ConfigurationError where the profile has none.
     """
-    if profile.modbus is not None and profile.modbus.sync_block is not None:
-        return (Span("input", *profile.modbus.sync_block),)
+    if profile.modbus_features.sync_block is not None:
+        return (Span("input", *profile.modbus_features.sync_block),)
     for space in SYNC_SPACES:
         spans = _sync_spans_in(profile, space)
         if spans:
@@ -168,7 +168,7 @@ def _sync_spans_in(profile: DriveProfile, space: str) -> tuple[Span, ...]:
     if profile.status is not None and profile.status.space == space:
         signal_registers.add(profile.status.register)
     readable = {p.locator[1] for p in profile.parameters.values() if p.readable and p.locator[0] == space}
-    blocks = profile.modbus.blocks if profile.modbus is not None and space == "holding" else ()
+    blocks = profile.modbus_features.blocks if space == "holding" else ()
     readable_registers = (readable | signal_registers) - {
         register for first, count in blocks for register in range(first, first + count)
     }

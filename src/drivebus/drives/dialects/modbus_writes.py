@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivebus.drives.dialects.modbus_reads import join_words, split_words
-from drivebus.profiles.model import DriveProfile, ModbusFeatures, Parameter
+from drivebus.profiles.model import DriveProfile, Parameter
 from drivebus.profiles.words import CommandMap, FixedWrite
 from drivebus.protocols.family import Locator
 from drivebus.protocols.modbus import RegisterWrite, WriteBit, WriteBits, WriteRegister, WriteRegisters
@@ -60,7 +60,7 @@ class ModbusWrites:
 
     def __init__(self, address: int, profile: DriveProfile, commands: CommandMap | None) -> None:
         self.address, self.profile, self.commands = address, profile, commands
-        self._features = profile.modbus or ModbusFeatures()
+        self._features = profile.modbus_features
         self._parameters = _writable_parameters(profile)
 
     def command(self, word: int) -> WriteRequest:
