@@ -13,7 +13,7 @@ import pytest
 from drivebus import i18n
 from drivebus.drives.jog_session import JogSession
 from fixtures.browser import Stage
-from fixtures.browser_actions import DRAWN
+from fixtures.browser_actions import DRAWN, wait_until
 from fixtures.service import LOCAL
 
 HOLD = "[data-jog=forward]"
@@ -89,6 +89,7 @@ def test_the_next_jog_is_enabled_only_after_the_result_of_the_last(page: Any) ->
     with page.expect_request("**/jog/end"):
         page.mouse.up()
     page.locator(".jog button:not(.hold):disabled").wait_for()
+    wait_until(page, lambda: bool(ends), "the end is not sent")
     ends[0].continue_()
     page.locator(".jog .notice strong", has_text=i18n.text("page.jog_ended", "en")).wait_for()
     page.click(".jog button:not(.hold)")
@@ -202,6 +203,7 @@ def test_a_jog_is_not_enabled_by_an_answer_that_came_while_the_user_had_no_contr
     page.click(".control summary")
     page.click(".jog button:not(.hold)")
     page.locator(".jog button:not(.hold)[aria-busy]").wait_for()
+    wait_until(page, lambda: bool(held), "the first step is not sent")
     page.click(".lease.own button")
     page.locator("[data-do=take]").wait_for()
     route, answer = held[0]

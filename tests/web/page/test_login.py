@@ -79,7 +79,8 @@ def test_the_end_of_a_session_leaves_no_value_of_a_drive_on_the_page_or_in_its_m
     page = visit("#/fleet")
     count = "import('/static/js/store.js').then((m) => m.idsOf('drives').value.length)"
     drawn = "new Promise((done) => requestAnimationFrame(() => setTimeout(done)))"
-    assert page.evaluate(count) > 0 and page.locator("article, tr").count() > 0
+    page.locator(".tile").first.wait_for()
+    assert page.evaluate(count) > 0
     page.get_by_role("button", name=i18n.text("page.log_out", "en")).click()
     page.locator("input[name=password]").wait_for()
     assert page.evaluate(f"{drawn}.then(() => {count})") == 0

@@ -15,7 +15,7 @@ from drivebus import i18n
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.runtime import configuration_check
 from fixtures.browser import Stage, log_in
-from fixtures.browser_actions import expecting, trip, unplugged
+from fixtures.browser_actions import DRAWN, expecting, trip, unplugged, wait_until
 from fixtures.web_app import PASSWORD
 
 
@@ -60,6 +60,7 @@ def test_decoded_frames_scroll_until_they_are_paused(visit: Any, expect: Any) ->
     assert re.fullmatch(r"([0-9A-F]{2} )+[0-9A-F]{2}", frames.locator(".hex").nth(0).inner_text())
     assert page.locator(".frames-box .frame .frame-text").first.inner_text() != ""
     page.click("[data-frames=pause]")
+    expect(page.locator("[data-frames=pause]")).to_have_attribute("aria-pressed", "true")
     held = frames.last.inner_text()
     expect(page.locator(".framelog [role=status]")).not_to_have_text(word("paused", n=0))
     assert frames.last.inner_text() == held
@@ -349,7 +350,12 @@ def test_an_alarm_is_shelved_with_a_reason_and_taken_back(stage: Stage, visit: A
     shelved = page.locator(".alarmrow", has_text="Feed pump").first
     expect(shelved).to_contain_text("shelved until")
     expect(shelved).to_contain_text(word("shelved_by", by="engineer", reason="fan is being repaired"))
-    (recorded, _) = [one for one in stage.call("audit.list", drive="pump-2")["items"] if one["what"] == "alarm.shelve"]
+
+    def records() -> list[Any]:
+        return [one for one in stage.call("audit.list", drive="pump-2")["items"] if one["what"] == "alarm.shelve"]
+
+    stage.wait(lambda: len(records()) == 2, "request and result are not recorded")
+    recorded = records()[0]
     assert recorded["text"]["en"] == "Shelve alarm Feed pump · Fault: 60 min, reason: fan is being repaired"
     shelved.get_by_role("button", name=word("unshelve")).click()
     page.get_by_role("tab").first.click()
@@ -402,8 +408,12 @@ def test_equal_alarms_are_one_row_that_opens_and_is_acknowledged_as_a_whole(
     )
     group.locator("[data-alarm=unshelve]").click()
     expect(group).to_have_count(0)
-    deeds = [item["what"] for item in stage.call("audit.list", drive="fan-1")["items"][:6]]
-    assert deeds == [f"alarms.{deed}" for deed in ("unshelve", "shelve", "acknowledge") for _ in range(2)]
+    deeds = [f"alarms.{deed}" for deed in ("unshelve", "shelve", "acknowledge") for _ in range(2)]
+
+    def recorded() -> list[str]:
+        return [item["what"] for item in stage.call("audit.list", drive="fan-1")["items"][:6]]
+
+    stage.wait(lambda: recorded() == deeds, "request and result of each action are not recorded")
 
 
 @pytest.mark.usefixtures("equal_alarms")
@@ -686,7 +696,7 @@ def test_the_result_of_a_check_is_not_shown_beside_a_text_that_was_edited_meanwh
     held: list[Any] = []
     page.route("**/api/v1/configuration/check", lambda request: held.append(request), times=1)
     page.click("[data-configuration=check]")
-    page.wait_for_timeout(100)
+    wait_until(page, lambda: bool(held), "the text is not sent")
     page.fill("textarea", "[plant")
     [request] = held
     with page.expect_response("**/api/v1/configuration/check"):
@@ -719,7 +729,7 @@ def test_the_way_back_from_a_drive_leads_to_the_place_where_the_fleet_was_left(v
     last = page.locator(".tilelink").last
     last.wait_for()
     last.scroll_into_view_if_needed()
-    page.wait_for_timeout(100)
+    page.evaluate(DRAWN)
     place = page.evaluate("scrollY")
     assert place > 100
     for _ in range(2):
@@ -727,7 +737,7 @@ def test_the_way_back_from_a_drive_leads_to_the_place_where_the_fleet_was_left(v
         page.locator(".drivehead").wait_for()
         page.wait_for_function("() => scrollY === 0")
         page.evaluate("scrollTo(0, 200)")
-        page.wait_for_timeout(100)
+        page.evaluate(DRAWN)
         page.go_back()
         page.wait_for_function("(left) => Math.abs(scrollY - left) < 3", arg=place)
     page.go_forward()

@@ -34,7 +34,7 @@ def test_no_button_of_the_drive_page_moves_when_a_trip_or_an_alarm_comes_or_goes
     page.click("[data-step=second]")
     page.locator(".control .notice.good").wait_for()
     page.locator("[data-stop-by]").wait_for(state="detached")
-    before = page.evaluate(BUTTONS)
+    before = settled_buttons(page)
 
     async def raise_alarm() -> None:
         stage.service.plant.raise_alarm(SystemAlarm.INTERLOCK_TRIP, "fan-1", subject="cool", interlock="cool")

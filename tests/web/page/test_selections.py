@@ -9,6 +9,7 @@ import pytest
 
 from drivebus import i18n
 from fixtures.browser import Stage
+from fixtures.browser_actions import expecting
 
 
 def test_after_a_stop_of_all_one_dialog_releases_the_chosen_drives(stage: Stage, visit: Any) -> None:
@@ -17,7 +18,7 @@ def test_after_a_stop_of_all_one_dialog_releases_the_chosen_drives(stage: Stage,
     page.click(".stop[data-stop=all]")
     page.locator("[data-stop-by=all]", has_text="Bus stop of all drives by").wait_for()
     page.locator(".stopbar [data-select]", has_text=str(len(every))).click()
-    assert page.locator("dialog input[type=checkbox]").count() == len(every)
+    expecting()(page.locator("dialog input[type=checkbox]")).to_have_count(len(every))
     box, act, bar = (page.locator(one).bounding_box() for one in ("dialog", "[data-do=selection]", ".stopbar"))
     assert act["y"] + act["height"] <= box["y"] + box["height"] <= bar["y"], "the dialog's buttons are below the fold"
     line = page.locator("dialog [data-do=choose-none]").evaluate("(one) => getComputedStyle(one).textDecorationLine")

@@ -9,7 +9,7 @@ import pytest
 from drivebus import i18n
 from drivebus.drives.state import DriveState
 from fixtures.browser import Stage
-from fixtures.browser_actions import expecting, unplugged
+from fixtures.browser_actions import expecting, unplugged, wait_until
 
 CONFIRMED_MS = 2500
 """Time in which every drive of the plant is read again after the answer to a stop."""
@@ -217,19 +217,29 @@ def test_a_stop_has_the_time_of_the_service_where_the_browser_has_another(stage:
     assert wrong.split(":")[0] != shown.split(":")[0]
 
 
+ABORTS = """() => {
+  window.aborts = [];
+  const { fetch } = window, begun = performance.now();
+  window.fetch = (url, options) => {
+    const isStop = String(url).endsWith('/fan-1/stop');
+    if (isStop) options.signal.addEventListener('abort', () => window.aborts.push(performance.now() - begun));
+    return fetch(url, options);
+  };
+}"""
+"""Script that records the milliseconds until each stop of the fan is given up."""
+
+
 def test_a_stop_that_is_repeated_frees_the_connections_that_the_next_stop_needs(visit: Any) -> None:
     """Six stops of a drive with a long ramp held the six connections of the browser: a stop of all waited in it."""
     page = visit("#/drive/fan-1")
     held, ended = list[Any](), list[Any]()
     page.route("**/api/v1/drives/fan-1/stop", lambda route: held.append(route.request))
     page.on("requestfailed", lambda request: ended.append(request))
-    for _ in range(3):
-        page.click("[data-stop=drive]")
-    page.wait_for_timeout(1500)
-    assert len(held) == 3 and ended == [], "a stop has time to reach the server"
-    page.wait_for_timeout(3000)
+    page.evaluate(ABORTS)
+    page.evaluate("() => { for (let n = 0; n < 3; n += 1) document.querySelector('[data-stop=drive]').click(); }")
+    wait_until(page, lambda: len(held) == 3 and len(ended) == 2, "the connection of a replaced stop is not freed")
     assert [request in ended for request in held] == [True, True, False]
+    assert min(page.evaluate("window.aborts")) > 1500, "a stop has time to reach the server"
     page.click("[data-stop=all]")
     expecting()(page.locator(".stop-status.good")).to_have_count(1)
-    page.wait_for_timeout(3500)
-    assert all(request in ended for request in held)
+    wait_until(page, lambda: all(request in ended for request in held), "the stop of all frees no connection")

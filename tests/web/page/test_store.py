@@ -11,7 +11,7 @@ import pytest
 from drivebus import i18n
 from drivebus.web.live.messages import MAX_RENEWALS
 from fixtures.browser import Stage, log_in
-from fixtures.browser_actions import DRAWN
+from fixtures.browser_actions import DRAWN, expecting
 
 
 @pytest.fixture
@@ -254,7 +254,7 @@ def test_a_takeover_of_a_drive_is_shown_until_it_is_dismissed(stage: Stage, visi
         stage.wait(lambda taken=taken: bool(stage.view("fan-1")["lease"]) is taken, "no lease")  # type: ignore[misc]
         stage.call("lease.take", drive="fan-1")
         page.locator(".lease:not(.own) .holder", has_text="tester").wait_for()
-        assert message.count() == taken
+        expecting()(message).to_have_count(int(taken))
         if not taken:
             stage.call("lease.release", drive="fan-1")
     name = {"en": "Supply fan", "zh": "送风机"}[language]

@@ -11,6 +11,7 @@ from drivebus import i18n
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S
 from drivebus.values import Text
 from fixtures.browser import Stage
+from fixtures.browser_actions import wait_until
 from fixtures.service import WIDEST_LIMITS
 from fixtures.web_app import PASSWORD
 
@@ -49,7 +50,7 @@ def test_a_request_of_before_the_unlocking_that_is_refused_after_it_does_not_log
     page.fill("[data-do=unlock] input[type=password]", PASSWORD)
     page.click("[data-do=unlock] button[type=submit]")
     page.wait_for_selector("[data-do=unlock]", state="detached")
-    assert held
+    wait_until(page, lambda: bool(held), "no request was on its way")
     for request in held:
         request.fulfill(status=401, json={"error": {"code": "auth.not_logged_in", "kind": "NotAuthenticated"}})
     page.wait_for_timeout(300)
@@ -70,6 +71,7 @@ def test_an_answer_to_the_cookie_of_before_the_unlocking_does_not_log_out(stage:
     page.fill("[data-do=unlock] input[type=password]", PASSWORD)
     page.click("[data-do=unlock] button[type=submit]")
     page.wait_for_selector("[data-do=unlock]", state="detached")
+    wait_until(page, lambda: bool(held), "the session is not asked for")
     [request] = held
     request.fulfill(json={"user": None, "rights": [], "csrf": None, "setup": False})
     page.wait_for_timeout(300)

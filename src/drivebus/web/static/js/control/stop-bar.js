@@ -1,6 +1,6 @@
 // Stop bar at the foot of every page. A bus stop is not an emergency stop, so it has neither the colours nor the shape
 // of the red button on the machine.
-import { html, signal, useEffect, useRef } from "../lib.js";
+import { html, signal, useEffect, useLayoutEffect, useRef } from "../lib.js";
 import { t } from "../i18n.js";
 import { ErrorBoundary } from "../error-boundary.js";
 import { clock } from "../format.js";
@@ -58,7 +58,8 @@ function scope() {
 
 function GroupMenu({ groups }) {
   const menu = useRef(null);
-  useEffect(() => {
+  // Before the paint: a key that follows the first sight of the menu closes it.
+  useLayoutEffect(() => {
     const close = (event) => {
       if (event.key !== "Escape") return;
       if (menu.current?.contains(document.activeElement)) document.querySelector("[data-stop=groups]")?.focus();
