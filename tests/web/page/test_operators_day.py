@@ -291,17 +291,17 @@ def test_an_urgent_alarm_sounds_and_is_counted_in_the_title_until_acknowledged(s
     stage.station("fan-1", lambda drive: drive.trip(Trip.OVERHEAT))
     expecting()(page).to_have_title(re.compile(r"^\(1\) "))
     page.wait_for_function("() => window.tones > 0")
-    heard = page.evaluate("window.tones")
-    assert heard % 2 == 0, "each sound has two tones"
+    played = page.evaluate("window.tones")
+    assert played % 2 == 0, "each sound has two tones"
     page.click("[data-do=acknowledge]")
     expecting()(page).to_have_title(re.compile(r"^[^(]"))
     page.click("[data-do=sound]")
     page.locator("[data-do=sound][aria-pressed=false]").wait_for()
-    heard = page.evaluate("window.tones")
+    played = page.evaluate("window.tones")
     stage.station("fan-2", lambda drive: drive.trip(Trip.OVERHEAT))
     expecting()(page).to_have_title(re.compile(r"^\(1\) "))
     page.evaluate(DRAWN)
-    assert page.evaluate("window.tones") == heard
+    assert page.evaluate("window.tones") == played
 
 
 def test_a_viewer_is_offered_no_command(stage: Stage, visit: Any) -> None:
