@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import struct
+
 import pytest
 
 from drivebus.bus.echo import EchoDetector, EchoState
 from drivebus.bus.messages import BusRequest
 from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.bus.transaction import Transaction
+from drivebus.protocols import modbus
 from fixtures.bus import CHARACTER_S, CODEC, FakeStation, make_core, read_request, stop_request, write_request
 
 CORE = make_core(1, echo="detect")
@@ -165,3 +168,11 @@ def test_a_repeat_of_a_mirrored_frame_is_taken_for_its_reply_only_while_an_echo_
     finish(echo, WRITE, frame_of(WRITE))
     echo.record_repeat(frame_of(WRITE))
     assert echo.state is EchoState.OFF, "another master writes the same value: the echo is ruled out"
+
+
+def test_a_good_reply_whose_values_spell_its_request_shows_no_echo() -> None:
+    echo = EchoDetector("detect")
+    finish(echo, READ, reply_to(READ))
+    values = struct.unpack(">4H", frame_of(READ))
+    finish(echo, READ, CODEC.encode_reply(modbus.RegisterValues(1, 3, values)))
+    assert echo.state is EchoState.OFF
