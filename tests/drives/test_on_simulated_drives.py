@@ -9,7 +9,9 @@ from typing import Any
 import pytest
 
 from drivebus import profiles
+from drivebus.bus.messages import BusRequest
 from drivebus.drives import Drive, DriveLimits, DriveState, MemoryStore, stop_bus
+from drivebus.drives.operations.context import CommandAge
 from drivebus.drives.outcome import Outcome
 from drivebus.drives.state import Direction, DriveStatus
 from drivebus.errors import (
@@ -560,6 +562,24 @@ def test_a_bus_stop_confirms_drives_whose_state_takes_four_reads_on_a_line_that_
             for drive in drives:
                 await drive.status()
             assert (await stop_bus(bench.bus, drives)).unconfirmed == ()
+
+    run_virtual(scenario())
+
+
+def test_the_time_of_so_many_transactions_is_that_of_a_full_bus_with_the_gap_before_each_frame() -> None:
+    """Without the gaps it was a tenth short, and a stop on a line that loses replies was reported too soon."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives("gs2") as bench:
+            drive = bench.drive()
+            await drive.status()
+            age = CommandAge(requested_at=None, checks_started_at=None)
+            request = BusRequest(station=1, request=drive.dialect.state_reads()[0])
+            first, *others = await asyncio.gather(*(bench.bus.transact(request) for _ in range(11)))
+            for result in (first, *others):
+                age.add(result)
+            took_s = others[-1].received_at - first.received_at
+            assert 10 * age.fastest_transaction_s == pytest.approx(took_s, rel=0.01)
 
     run_virtual(scenario())
 

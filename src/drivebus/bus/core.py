@@ -602,6 +602,7 @@ class BusCore:
                 received=bytes(transaction.buffer),
                 sent_at=transaction.sent_at,
                 received_at=transaction.last_byte_at,
+                gap_s=prepared.gap_s,
                 attempts=prepared.attempts,
             )
         if isinstance(prepared, PreparedPoll):

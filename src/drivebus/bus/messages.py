@@ -86,6 +86,8 @@ class BusResult:
     """First bit on the wire, monotonic seconds."""
     received_at: float | None = None
     """Last byte of the reply, monotonic seconds."""
+    gap_s: float = 0.0
+    """Silence that the bus keeps before each frame to this station."""
     attempts: int = 0
     """Number of times that the frame was sent."""
 

@@ -36,14 +36,15 @@ class CommandAge:
     def __init__(self, requested_at: float | None, checks_started_at: float | None) -> None:
         self.requested_at = requested_at  # None: the age of the command counts from the end of its checks
         self.checks_started_at = checks_started_at  # None: the checks have not started
-        self.fastest_transaction_s = inf  # shortest transaction so far: the speed of this bus
+        self.fastest_transaction_s = inf  # shortest transaction so far, from the gap before it: the speed of this bus
         self.longest_pause_s = 0.0  # longest time between two replies: no operation pauses by itself for so long
         self._last_reply_at: float | None = None
 
     def add(self, result: BusResult) -> None:
         """Take a transaction into account."""
         if result.sent_at is not None and result.received_at is not None:
-            self.fastest_transaction_s = min(self.fastest_transaction_s, result.received_at - result.sent_at)
+            transaction_s = result.gap_s + result.received_at - result.sent_at
+            self.fastest_transaction_s = min(self.fastest_transaction_s, transaction_s)
         if result.received_at is not None:
             if self._last_reply_at is not None:
                 self.longest_pause_s = max(self.longest_pause_s, result.received_at - self._last_reply_at)
