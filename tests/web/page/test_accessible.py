@@ -9,26 +9,26 @@ import pytest
 from drivebus import i18n
 from fixtures.axe import axe_violations
 from fixtures.browser import Stage, log_in
-from fixtures.browser_actions import trip
+from fixtures.browser_actions import NEW_HEADING, go_to, trip
 
 WAYS = {
     "fleet": ".tile",
     "fleet?group=air": ".grouppanel",
     "drive/fan-1": ".control",
-    "buses/fans": "main h1",
+    "buses/fans": NEW_HEADING,
     "drive/fan-1?tab=parameters": "[role=tabpanel] table",
     "drive/fan-1?tab=profile": "[role=tabpanel] .facts",
     "drive/fan-1?tab=faults": "[role=tabpanel] table",
     "drive/fan-1?tab=statistics": "[role=tabpanel]",
-    "alarms": "main h1",
-    "history": "main h1",
-    "audit": "main h1",
-    "settings": "main h1",
+    "alarms": NEW_HEADING,
+    "history": NEW_HEADING,
+    "audit": NEW_HEADING,
+    "settings": NEW_HEADING,
 }
 
 
 def walk(page: Any, way: str) -> None:
-    page.evaluate("way => { location.hash = '#/' + way; }", way)
+    go_to(page, way)
     page.locator(WAYS[way]).first.wait_for()
 
 
@@ -85,7 +85,7 @@ def test_long_names_widen_no_page_and_keep_the_head_low(visit: Any, language: st
     high = page.locator(".head").bounding_box()["height"]
     wide = {}
     for way in [*WAYS, "history?tags=fan-1.output_frequency"]:
-        page.evaluate("way => { location.hash = '#/' + way; }", way)
+        go_to(page, way)
         page.locator(WAYS.get(way, ".trend-readout .swatch")).first.wait_for()
         wide[way] = page.evaluate("document.documentElement.scrollWidth - innerWidth")
     assert {way: over for way, over in wide.items() if over > 0} == {} and high < 100

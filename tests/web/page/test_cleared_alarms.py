@@ -10,7 +10,7 @@ import pytest
 from drivebus import i18n
 from drivebus.service.alarms import SystemAlarm
 from fixtures.browser import Stage
-from fixtures.browser_actions import DRAWN, expecting, unplugged
+from fixtures.browser_actions import DRAWN, expecting, trip, unplugged
 
 FANS = ("fan-1", "fan-2", "fan-3")
 
@@ -145,6 +145,16 @@ def test_a_drive_whose_alarm_has_cleared_is_not_abnormal_and_is_found_until_it_i
     expect(note).to_be_visible()
     page.click("[data-do=acknowledge]")
     expect(note).to_have_count(0)
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_group_of_equal_faults_names_the_fault(stage: Stage, visit: Any, language: str) -> None:
+    """Regression: of many trips each row read "Fault · 3 alarms", and only opened it showed which fault."""
+    for fan in FANS:
+        trip(stage, fan)
+    page = visit("#/alarms", role="operator", language=language)
+    group = page.locator(".alarmrow.group", has_text=i18n.text("alarms.title.fault", language))
+    expecting()(group.locator(".what > p")).to_contain_text(stage.view("fan-1")["fault"]["label"])
 
 
 WRONG_MARKS = """async () => {

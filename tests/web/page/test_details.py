@@ -13,7 +13,7 @@ from drivebus import errors, i18n
 from drivebus.bus.core import UntrustedReply
 from fixtures.axe import axe_violations
 from fixtures.browser import Stage
-from fixtures.browser_actions import expecting, trip
+from fixtures.browser_actions import NEW_HEADING, expecting, go_to, trip
 
 
 def open_history(page: Any) -> None:
@@ -44,7 +44,7 @@ def check(page: Any) -> None:
 
 
 def look(page: Any) -> None:
-    page.locator("main h1").wait_for()
+    page.locator(NEW_HEADING).wait_for()
 
 
 DETAILS: dict[str, Callable[[Any], None]] = {
@@ -63,7 +63,7 @@ DETAILS: dict[str, Callable[[Any], None]] = {
 def open_detail(page: Any, way: str) -> None:
     page.evaluate("way => { location.hash = '#/fleet'; }", way)
     page.locator(".tile").first.wait_for()
-    page.evaluate("way => { location.hash = '#/' + way; }", way)
+    go_to(page, way)
     DETAILS[way](page)
 
 

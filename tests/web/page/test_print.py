@@ -74,6 +74,39 @@ def test_a_printed_incident_is_complete_and_its_chart_is_dark_on_white(stage: St
     assert ("invert" in chart) == (theme == "dark")
 
 
+VISIBLE_FIELDS = """() => [...document.querySelectorAll("main :is(input, select, textarea, .choice, summary)")]
+  .filter((one) => one.getClientRects().length > 0 && !one.matches(".values summary, td summary"))
+  .map((one) => one.outerHTML.slice(0, 80))"""
+"""Script: fields and buttons of a printed page."""
+
+
+def test_a_printed_drive_with_its_parameters_has_no_field(stage: Stage, visit: Any) -> None:
+    """Regression: the sheet had the slider, the direction, a search and an empty field for each parameter."""
+    page = visit("#/drive/pump-1?tab=parameters")
+    page.click("[data-do=take]")
+    page.locator("td.pinned input").first.wait_for()
+    page.emulate_media(media="print")
+    expecting()(page.locator("td.pinned").first).to_be_hidden()
+    assert page.evaluate(VISIBLE_FIELDS) == []
+    assert page.locator("[role=tab]:visible").all_inner_texts() == [i18n.text("page.tab_parameters", "en")]
+
+
+def test_a_printed_audit_trail_says_what_it_was_filtered_by_without_a_field(stage: Stage, visit: Any) -> None:
+    """Regression: the sheet had three fields, one of them empty."""
+    page = visit("#/audit")
+    page.locator(".entry").first.wait_for()
+    page.emulate_media(media="print")
+    expect, search = expecting(), page.locator(".filters .field", has=page.locator("[type=search]"))
+    expect(search).to_be_hidden()
+    frame = "all => all.map((one) => getComputedStyle(one).borderTopWidth)"
+    assert page.locator(".filters select").evaluate_all(frame) == ["0px", "0px"]
+    expect(page.locator(".filters select").first).to_be_visible()
+    page.emulate_media(media="screen")
+    page.fill(".filters [type=search]", "e")
+    page.emulate_media(media="print")
+    expect(search).to_be_visible()
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_a_printed_fleet_names_its_filters_in_place_of_their_fields(stage: Stage, visit: Any, language: str) -> None:
     """Regression: the sheet had a search field, lists and buttons, and not always a word of what it lacks."""

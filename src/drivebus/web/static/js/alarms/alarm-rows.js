@@ -48,7 +48,8 @@ function GroupRow({ alarms }) {
     alarms.every(isCleared))} group`}>
     <${PriorityMark} priority=${first.priority} />
     <div class="what"><strong>${t("page.alarm_group", { title: localized(first.title), n: alarms.length })}</strong>
-      <span>${groupSubject(alarms)}</span><${AlarmRemedy} alarm=${first} /></div>
+      <span>${groupSubject(alarms)}</span>${first.kind === "fault" && html`<p>${withCommands(localized(first.text))}</p>`}
+      <${AlarmRemedy} alarm=${first} /></div>
     <div class="when"><b>${groupState(alarms)}</b><span>${t("page.alarm_group_open", { n: waiting.length })}</span>
       <span>${t("page.alarm_group_oldest", { age: raisedAgo(oldest) })}</span><${ShelvedNote} alarm=${first} /></div>
     <div class="do">${may("operate") && waiting.length > 0 && html`<${Button} kind="main" busy=${busy}
