@@ -527,8 +527,8 @@ def test_connections_that_were_closed_are_logged_once_a_minute_however_many_ther
             taken += accepted_by(few_connections)
         log.report(now)
     lines = [record.getMessage() for record in caplog.records]
-    assert [line.partition(" connections")[0] for line in lines] == ["1", "10"]
-    assert "were closed at once: 4 are open" in lines[0] and "stop --all" in lines[0]
+    assert [line.partition(";")[0] for line in lines] == [f"connections closed at once: {n}" for n in (1, 10)]
+    assert "; open: 4, and the limit is" in lines[0] and "stop --all" in lines[0]
     close_all(*clients, *taken)
 
 
