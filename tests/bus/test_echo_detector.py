@@ -142,9 +142,19 @@ def test_an_assumed_echo_is_dropped_by_a_read_without_it() -> None:
 
 
 def test_a_frame_received_before_its_own_last_bit_is_an_echo_without_doubt() -> None:
+    for reply in (b"", reply_to(WRITE), reply_to(WRITE)[:3]):
+        echo = EchoDetector("detect")
+        finish(echo, WRITE, frame_of(WRITE)[-1:] + reply, early=frame_of(WRITE)[:-1])
+        assert echo.state is EchoState.ON and is_tentative(echo, READ) is False
+
+
+@pytest.mark.parametrize(("before", "after", "is_echo"), [(b"", b"?", True), (b"?", b"", False)])
+def test_only_a_frame_that_begins_with_our_own_twice_is_taken_for_echo_and_reply(
+    before: bytes, after: bytes, is_echo: bool
+) -> None:
     echo = EchoDetector("detect")
-    finish(echo, WRITE, frame_of(WRITE)[-1:], early=frame_of(WRITE)[:-1])
-    assert echo.state is EchoState.ON and is_tentative(echo, READ) is False
+    finish(echo, WRITE, before + frame_of(WRITE) * 2 + after)
+    assert (echo.state is EchoState.ON) == is_echo
 
 
 def test_a_frame_in_place_of_a_reply_shows_an_echo_that_was_ruled_out() -> None:
