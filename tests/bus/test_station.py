@@ -186,3 +186,7 @@ def test_a_state_defines_the_permitted_requests() -> None:
     assert trusted == {StationState.NEVER_SEEN, StationState.ONLINE}
     assert {state for state in StationState if state.is_unreachable} == {StationState.ABSENT, StationState.OFFLINE}
     assert {state.presence for state in trusted} == {Presence.NEVER_SEEN, Presence.ONLINE}
+
+
+def test_a_presence_has_the_name_that_the_api_gives_it() -> None:
+    assert list(Presence) == ["never_seen", "online", "offline"]
