@@ -78,7 +78,7 @@ def test_a_capture_that_exists_is_never_overwritten_and_nothing_is_sent(tmp_path
     assert "exists" in result.stderr
 
 
-@pytest.mark.parametrize("name", ["evidence.dbcap", "no-folder/new.dbcap"])
+@pytest.mark.parametrize("name", ["evidence.dbcap", "no-folder/new.dbcap", "trip.txt"])
 @pytest.mark.parametrize(
     "words",
     [
@@ -89,16 +89,17 @@ def test_a_capture_that_exists_is_never_overwritten_and_nothing_is_sent(tmp_path
     ids=lambda words: " ".join(words[:2]),
 )
 def test_a_capture_that_can_not_be_written_prevents_no_stop(tmp_path: Path, words: tuple[str, ...], name: str) -> None:
-    """A file of the same name left the motor running."""
+    """A file of the same name, and a name that does not end with ``.dbcap``, left the motor running."""
     (tmp_path / "evidence.dbcap").write_text("evidence")
     result = invoke(*words, "--record", str(tmp_path / name))
     assert (result.exit_code, "onfirmed" in result.stdout) == (0, True), result.output
     assert result.stderr.startswith("Not recorded: ") and name in result.stderr
     assert (tmp_path / "evidence.dbcap").read_text() == "evidence"
+    assert [one.name for one in tmp_path.iterdir()] == ["evidence.dbcap"]
 
 
 @pytest.mark.parametrize(
-    "words", [("stop", "sim://c320@1", *C320, "--record", "x.txt"), ("monitor", "old.dbcap", "--record", "new.dbcap")]
+    "words", [("reset", "sim://c320@1", *C320, "--record", "x.txt"), ("monitor", "old.dbcap", "--record", "new.dbcap")]
 )
 def test_an_invalid_record_option_is_a_usage_error(words: tuple[str, ...]) -> None:
     result = invoke(*words)

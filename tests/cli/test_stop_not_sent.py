@@ -1,4 +1,4 @@
-"""A stop is sent although the user has no home; where it can't be sent, the error says so and what stops the drive."""
+"""A stop is sent without a home and in an unknown language; where it can't be, the error says what stops the drive."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from drivebus.cli.click_ext import CliCommand
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
 from drivebus.errors import PermissionDenied, ServiceUnavailable
+from drivebus.i18n import LANGUAGE_VARIABLE
 from drivebus.simulator.port import clear_simulated_buses
 
 C320 = ("sim://c320@1", "--model", "c320", "--address", "1")
@@ -58,7 +59,6 @@ def test_a_user_without_a_home_can_stop(monkeypatch: pytest.MonkeyPatch, words: 
         ("stop",),
         ("stop", *C320, "--adress", "1"),
         ("stop", "sim://c320@1", "--model", "c320", "--address", "31"),
-        ("stop", *C320, "--record", "trip.txt"),
         ("stop", *C320, "--baud", "fast"),
         ("stop", "sim://c321@1", "--model", "c321", "--address", "1"),
         ("stop", "plant.toml"),
@@ -114,6 +114,28 @@ def test_a_service_that_may_have_sent_the_stop_is_not_reported_as_one_that_did_n
     result = invoke("stop", "--service", "http://127.0.0.1:8080", "--all")
     assert result.exit_code == ExitCode.UNKNOWN
     assert NOT_SENT not in result.stderr
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("stop", *C320), ("--lang", "fr", "stop", *C320), ("stop", "--all", *C320), ("coast", *VC660)],
+    ids=lambda words: " ".join(words[:3]),
+)
+def test_a_stop_in_an_unknown_language_is_sent_in_the_preferred_one(
+    monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+) -> None:
+    """``--lang fr`` left the motor running."""
+    monkeypatch.setenv(LANGUAGE_VARIABLE, "zh")
+    result = CliRunner().invoke(cli, [*words, *(() if "--lang" in words else ("--lang", "fr"))])
+    assert (result.exit_code, "确认" in result.stdout) == (0, True), result.output
+    assert result.stderr.splitlines()[-1] == "语言未知：--lang：收到 fr，应为：en、zh 之一"
+
+
+@pytest.mark.parametrize("words", [("reset", *C320, "--lang", "fr"), ("--lang", "fr", "reset", *C320)])
+def test_a_command_that_stops_nothing_is_refused_in_an_unknown_language(words: tuple[str, ...]) -> None:
+    result = CliRunner().invoke(cli, words)
+    assert (result.exit_code, result.stdout) == (ExitCode.USAGE, "")
+    assert "--lang" in result.stderr.splitlines()[0]
 
 
 @pytest.mark.parametrize("words", [("status", "sim://c320@1"), ("reset", *C320, "--adress", "1")])

@@ -36,13 +36,21 @@ class _FileCompletion(click.Parameter):
         return [CompletionItem(incomplete, type="file")]
 
 
-class Option(_FileCompletion, click.Option):
-    """An option with the help text ``help.<key>``; ``example`` is a value that works."""
+_UNUSED_VALUES = "drivebus.unused_values"
+"""Key of the options in ``click.Context.meta`` whose value is invalid and is left out where the command stops."""
 
-    def __init__(self, *names: Any, key: str = "", example: str = "", **rest: Any) -> None:
+
+class Option(_FileCompletion, click.Option):
+    """An option with the help text ``help.<key>``; ``example`` is a value that works.
+
+    ``unused``: key of the note after a stop, which an invalid value of this option does not prevent.
+    """
+
+    def __init__(self, *names: Any, key: str = "", example: str = "", unused: str = "", **rest: Any) -> None:
         super().__init__(*names, **rest)
         self.key = key or f"help.option.{self.name}"
         self.example = example
+        self.unused = unused
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
         names = ", ".join(sorted([*self.opts, *self.secondary_opts], key=len))
@@ -70,6 +78,16 @@ class Option(_FileCompletion, click.Option):
             )
             raise click.BadParameter(problem, ctx, self)
         return super().consume_value(ctx, {**opts, str(self.name): given[0]})
+
+    def type_cast_value(self, ctx: click.Context, value: Any) -> Any:
+        """Return the converted value, None for an invalid one that prevents no stop. Raises BadParameter."""
+        try:
+            return super().type_cast_value(ctx, value)
+        except click.BadParameter as error:
+            if not (self.unused and getattr(ctx.command, "stops", False)):
+                raise
+            ctx.meta.setdefault(_UNUSED_VALUES, {})[self.unused] = error
+            return None
 
     def help_text(self) -> str:
         """Return the explanation and the example."""
@@ -150,12 +168,20 @@ class CliCommand(_LocalizedHelp, click.Command):
 
     def invoke(self, ctx: click.Context) -> Any:
         _has_begun.set(True)
-        with note_no_stop() if self.stops else nullcontext():
-            return super().invoke(ctx)
+        try:
+            with note_no_stop() if self.stops else nullcontext():
+                return super().invoke(ctx)
+        finally:
+            with output.continue_without_output():
+                for key, error in ctx.meta.get(_UNUSED_VALUES, {}).items():
+                    output.print_note(key, why=errors.usage_text(error))
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse as click does; name a whole word such as ``-frequency`` in the error, not its first letter only."""
         words = list(args)
+        if not self.stops and not ctx.resilient_parsing:
+            for error in ctx.meta.get(_UNUSED_VALUES, {}).values():  # an option before the name of the command
+                raise error
         try:
             return super().parse_args(ctx, args)
         except click.NoSuchOption as error:
@@ -203,6 +229,8 @@ _SYNONYMS = {
 
 class LazyGroup(_LocalizedHelp, click.Group):
     """A group that imports a command when it is called: ``sections`` maps a heading to {command: "module:name"}."""
+
+    stops = True  # one of its commands may
 
     def __init__(self, name: str, *, sections: Mapping[str, Mapping[str, str]], help_key: str, **rest: Any) -> None:
         self.examples = rest.pop("examples", ())
@@ -299,7 +327,13 @@ class LazyGroup(_LocalizedHelp, click.Group):
 def common_options() -> list[click.Parameter]:
     """Return the options of every command; ``output.parse_global_options`` has already applied them."""
     return [
-        Option(["--lang"], type=Choice(["en", "zh"]), expose_value=False, example="--lang zh"),
+        Option(
+            ["--lang"],
+            type=Choice(["en", "zh"]),
+            expose_value=False,
+            example="--lang zh",
+            unused="cli.unknown_language",
+        ),
         Option(["--json"], is_flag=True, expose_value=False),
     ]
 

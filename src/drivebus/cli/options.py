@@ -117,7 +117,8 @@ def reject_second_value(
 
 def record_option() -> click.Option:
     """Return ``--record``: a capture of every byte."""
-    return Option(["--record"], type=CAPTURE, metavar="FILE", example="--record trip-of-pump-3.dbcap")
+    example = "--record trip-of-pump-3.dbcap"
+    return Option(["--record"], type=CAPTURE, metavar="FILE", example=example, unused="record.none")
 
 
 def service_option() -> click.Option:
