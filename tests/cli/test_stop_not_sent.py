@@ -94,6 +94,22 @@ def test_a_plant_file_without_use_names_the_stops_that_need_none(tmp_path: Path,
     assert NOT_SENT in result.stderr.splitlines()[-1]
 
 
+@pytest.mark.parametrize("words", [("stop", *C320), ("stop", "--all", *C320), ("coast", *VC660)], ids=" ".join)
+def test_no_stop_is_sent_where_a_users_file_has_the_name_of_the_model(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    """Which of the two the user means is not known, and the command word that stops one drive may start another."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    folder = tmp_path / "drivebus" / "profiles"
+    folder.mkdir(parents=True)
+    for name in ("c320", "vc660"):
+        (folder / f"{name}.toml").write_text('format = 1\nextends = "df800"\n')
+    result = invoke(*words)
+    assert (result.exit_code, result.stdout) == (ExitCode.USAGE, "")
+    assert str(folder) in result.stderr and "rename the file" in result.stderr
+    assert NOT_SENT in result.stderr.splitlines()[-1]
+
+
 def test_a_stop_that_a_service_refuses_says_that_none_was_sent(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> Any:
         raise PermissionDenied("auth.no_right", right="operate")
