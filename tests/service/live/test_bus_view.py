@@ -65,6 +65,7 @@ def test_a_drive_on_a_full_bus_states_the_interval_at_which_it_is_polled() -> No
 
         async def scenario() -> tuple[float, float]:
             async with running_service(loads(f'format = 1\n[plant]\nid = "p"\n{bus}{drives}')) as kit:
+                await view_that_is(kit, is_open=True)
                 view = await kit.call("drives.get", drive="d1")
                 return view["poll_interval_s"], view["requested_interval_s"]
 
@@ -101,12 +102,15 @@ def test_the_view_of_a_bus_on_a_relative_path_follows_its_adapter(
     async def scenario() -> None:
         async with running_service(plant) as kit:
             await view_that_is(kit, is_open=True)
+            assert (await kit.call("drives.get", drive="pump"))["poll_interval_s"] == 0.5
             os.unlink(port)  # noqa: PTH108
             os.close(slave)
             os.close(master)
             await view_that_is(kit, is_open=False)
             await wait_until(lambda: port_alarms(kit))
             assert len(port_alarms(kit)) == 1
+            view = await kit.call("drives.get", drive="pump")
+            assert view["poll_interval_s"] is None, "no page says how often it is read"
 
     asyncio.run(scenario())
 

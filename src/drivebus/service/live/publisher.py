@@ -96,7 +96,7 @@ def drive_view(plant: Plant, runtime: DriveRuntime, status: DriveStatus | None =
         directions=_directions(runtime),
         time_ms=plant.clock.now_ms(),
         state_time_ms=plant.clock.utc_ms(status.at),
-        poll_interval_s=min((poll.period_s for poll in runtime.polls), default=None),
+        poll_interval_s=min((poll.period_s for poll in runtime.polls), default=None) if runtime.bus.is_open else None,
         requested_interval_s=min((runtime.profile.signals[name].period_s for name in runtime.signals), default=None),
         unusable_reply=_unusable_reply_json(status),
         jog_frequency=runtime.profile.jog_frequency,

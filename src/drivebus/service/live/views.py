@@ -206,7 +206,7 @@ class DriveView:
     state_time_ms: int | None = None
     """UTC time of the oldest reply on which the state rests."""
     poll_interval_s: float | None = None
-    """Seconds between two polls of its most polled signal; None: nothing is polled."""
+    """Seconds between two polls of its most polled signal; None: nothing is polled, as while its port is lost."""
     requested_interval_s: float | None = None
     """Seconds that its model, or ``signals`` of the plant file, requests; fewer than ``poll_interval_s`` where the bus
     cannot carry that.

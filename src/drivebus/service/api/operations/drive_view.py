@@ -112,7 +112,9 @@ class DriveObject(ApiObject):
     signals: dict[str, SignalObject]
     time_ms: int
     state_time_ms: int | None
-    poll_interval_s: float | None = Field(description="period at which its state and its most polled signal are read")
+    poll_interval_s: float | None = Field(
+        description="period of its state and its most polled signal; null: nothing is read, as while its port is lost"
+    )
     requested_interval_s: float | None = Field(
         description="period that its model or the plant file asks for, shorter where the bus cannot carry it"
     )
