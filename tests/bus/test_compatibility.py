@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from drivebus.bus import TraceKind
+from drivebus.bus.compatibility import check_compatible
 from drivebus.bus.core import BusCore
 from drivebus.bus.messages import StationConfig
 from drivebus.errors import ConfigurationError, HeaderError
@@ -66,6 +67,13 @@ def test_a_second_family_is_rejected_by_default() -> None:
     assert list(bus.stations) == [1]
 
 
+def test_the_first_station_of_another_protocol_is_named() -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        check_compatible(station_config(1), [station_config(2), c320(), dzb100()], allow_mixed=False)
+    params = {name: caught.value.params[name] for name in ("found", "expected", "address", "other")}
+    assert params == {"found": "modbus/rtu", "expected": "sunfar/ascii", "address": 1, "other": 5}
+
+
 def test_families_whose_frames_can_not_be_confused_may_be_mixed_on_purpose() -> None:
     bus = BusCore(SETTINGS, allow_mixed=True)
     for config in (station_config(1), c320(), dzb100()):
@@ -82,7 +90,8 @@ def test_a_frame_that_contains_the_others_request_is_rejected_at_every_offset(or
     with pytest.raises(ConfigurationError) as caught:
         bus.registry.add(pair[1 - order])
     assert caught.value.key == "bus.mixed_frame"
-    assert caught.value.params["address"] == 5 and caught.value.params["other"] == 9
+    params = {name: caught.value.params[name] for name in ("found", "expected", "address", "other")}
+    assert params == {"found": "sunfar/ascii", "expected": "anything/raw", "address": 5, "other": 9}
 
 
 def test_two_models_of_one_family_share_a_bus() -> None:

@@ -75,17 +75,17 @@ def shows_a_reply(error: Exception | None) -> bool:
 
 def _other_station_replied(transaction: Transaction) -> AddressError | None:
     """Return the error of one reply under another address, a rejection too, with nothing else received."""
-    frames = transaction.foreign_frames or []
-    if len(frames) != 1 or len(frames[0][0]) > transaction.prepared.reply_bytes:
-        return None
-    station = transaction.prepared.station.address
-    return AddressError("bus.other_station_replied", station=station, expected=station, found=frames[0][1].found)
+    match transaction.foreign_frames:
+        case [(frame, error)] if len(frame) <= transaction.prepared.reply_bytes:
+            station = transaction.prepared.station.address
+            return AddressError("bus.other_station_replied", station=station, expected=station, found=error.found)
+    return None
 
 
 def _stray_bytes_before(transaction: Transaction, data: bytes) -> HeaderError | None:
     """Return the error of a whole reply that begins after a few other bytes."""
     prepared = transaction.prepared
-    for count in range(1, min(MAX_STRAY_BYTES, len(data) - 1) + 1):
+    for count in range(1, MAX_STRAY_BYTES + 1):
         reply = prepared.station.decode_reply_to(prepared.request, data[count:])
         if reply is not None and reply.size == len(data) - count:
             stray = data[:count].hex(" ").upper()
