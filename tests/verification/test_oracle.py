@@ -50,6 +50,19 @@ def found(campaign_run: CampaignRun, invariant: str) -> bool:
     return any(f": {invariant} " in text for text in campaign_run.violations)
 
 
+def test_no_task_is_left_where_a_scenario_closes_during_a_run_after_an_unconfirmed_stop(
+    campaign_run: CampaignRun,
+) -> None:
+    """The cancelled run let the stop be repeated on the closed bus: "Task was destroyed but it is pending"."""
+    scenario = make_scenario(campaign_run, line_quality="loss=0.9")
+    scenario.command(1, "stop")
+    scenario.run(5.0)
+    scenario.command(1, "run", 12.0)
+    scenario.run(0.2)
+    scenario.close()
+    assert [task for task in scenario.loop.tasks if not task.done()] == []
+
+
 @pytest.mark.parametrize("variant", DRIVE_VARIANTS, ids=lambda variant: variant.name)
 def test_the_product_has_no_violation_and_a_trace(campaign_run: CampaignRun, variant: DriveVariant) -> None:
     trial: list[str] = []

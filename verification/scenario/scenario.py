@@ -203,10 +203,15 @@ class Scenario:
         """Check the invariants and close the bus."""
         check_invariants(self)
         check_memory(self)
+        self._cancel_tasks()
+        self.loop.run_until_complete(self.bus.close())
+        self.loop.run_until(self.loop.time())  # pending calls end with an error
+        self._cancel_tasks()  # a motion command that was cancelled has begun to repeat its stop
+        check_invariants(self)
+
+    def _cancel_tasks(self) -> None:
+        """Cancel the tasks of the loop and let them end."""
         with running(self.loop):
             for task in list(self.loop.tasks):
                 task.cancel()
         self.loop.run_until(self.loop.time())
-        self.loop.run_until_complete(self.bus.close())
-        self.loop.run_until(self.loop.time())  # pending calls end with an error
-        check_invariants(self)
