@@ -11,7 +11,7 @@ from drivebus.bus.failure_reason import failure_reason, late_reply_to_last_reque
 from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.bus.station import Station
 from drivebus.bus.transaction import Transaction
-from drivebus.errors import DrivebusError, LengthError, NoReply
+from drivebus.errors import DrivebusError, LengthError, NoReply, UntrustedReply
 from drivebus.protocols import modbus
 from fixtures.bus import CHARACTER_S, CODEC, make_core, read, read_request
 
@@ -30,13 +30,18 @@ def station(core: BusCore) -> Station:
     return core.stations[1]
 
 
-def reason_of(core: BusCore, *received: bytes, at: float = 3.0) -> DrivebusError:
-    """Return the reason of a failed read of four registers that brought these pieces at that second."""
+def reason_of(
+    core: BusCore, *received: bytes, at: float = 3.0, untrusted: UntrustedReply | None = None
+) -> DrivebusError:
+    """Return the reason of a failed read of four registers that brought these pieces at that second.
+
+    ``untrusted``: error of the bus for a reply that is whole.
+    """
     prepared = PreparedRequest(read_request(), None, core.stations[1], core.settings)
     transaction = Transaction(prepared, at - 0.05, CHARACTER_S, has_line_timing=False, echo=None)
     for data in received:
         transaction.on_data(data, at)
-    error = transaction.final_error()
+    error = untrusted or transaction.final_error()
     assert error is not None
     reason = failure_reason(transaction, error)
     assert isinstance(reason, DrivebusError)
@@ -84,6 +89,11 @@ def test_up_to_four_stray_bytes_before_a_reply_are_named(core: BusCore, stray: b
 @pytest.mark.parametrize("received", [b"abcde" + REPLY, b"?" + REPLY + b"?", b"?" + REPLY[:-1], b"??"])
 def test_anything_else_before_a_reply_is_not_called_stray_bytes(core: BusCore, received: bytes) -> None:
     assert reason_of(core, received).key != "bus.stray_before"
+
+
+def test_a_whole_reply_that_is_not_trusted_has_no_stray_bytes_before_it(core: BusCore) -> None:
+    error = UntrustedReply("bus.suspect", station=1)
+    assert reason_of(core, REPLY, untrusted=error) is error
 
 
 def reply_of_station_2(count: int) -> bytes:
