@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from drivebus.bus.core import BusCore
+from drivebus.bus.core import BusCore, UntrustedReply
 from drivebus.bus.failure_reason import failure_reason, late_reply_to_last_request, shows_a_reply
 from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.bus.station import Station
 from drivebus.bus.transaction import Transaction
-from drivebus.errors import DrivebusError, LengthError, NoReply, UntrustedReply
+from drivebus.errors import DrivebusError, LengthError, NoReply
 from drivebus.protocols import modbus
 from fixtures.bus import CHARACTER_S, CODEC, make_core, read, read_request
 
