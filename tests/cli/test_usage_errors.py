@@ -303,6 +303,19 @@ def test_an_unknown_user_is_an_error_before_the_password_is_entered(plant: Path)
     assert (result.exit_code, "没有用户 eve" in result.output) == (1, True), result.output
 
 
+@pytest.mark.parametrize("words", [["passwd", "eve"], ["token", "eve"]], ids=lambda words: words[0])
+def test_the_error_of_an_unknown_user_names_the_commands_that_list_and_add_users(plant: Path, words: list[str]) -> None:
+    for language in ("en", "zh"):
+        result = run_words(["user", words[0], str(plant), words[1]], language)
+        assert "drivebus user list" in result.output and "drivebus user add" in result.output, result.output
+
+
+def test_the_line_about_the_help_fits_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(output, "wrap_for", lambda text, _, indent=0: f"[{text}]")
+    lines = run_words(["status", "sim://c320@3", "--model", "c320"], "en").output.splitlines()
+    assert [line[:1] + line[-1:] for line in lines if "status --help" in line] == ["[]"], lines
+
+
 def test_the_error_of_an_unknown_choice_lists_the_choices() -> None:
     assert "应为：bash、zsh、fish 之一" in run_words(["completion", "tcsh"]).output
     assert "expected one of bash, zsh, fish" in run_words(["completion", "tcsh"], "en").output

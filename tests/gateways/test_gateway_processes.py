@@ -218,8 +218,8 @@ async def test_a_killed_gateway_is_restarted_and_disturbs_nothing_else(killed: s
         assert (after[killed]["starts"], after[killed]["exit_code"]) == (2, -signal.SIGKILL)
         await wait_for_growth(tmp_path / "toy.jsonl")
         (event,) = [one for one in await plant.events() if one["kind"] == "gateway"]
-        assert f"gateway {killed} ended with -9" in event["text"]["en"]
-        assert f"网关 {killed} 以 -9 结束" in event["text"]["zh"]
+        assert f"gateway {killed} ended with exit code -9" in event["text"]["en"]
+        assert f"网关 {killed} 已结束，退出码 -9" in event["text"]["zh"]
 
 
 async def test_a_frozen_gateway_delays_neither_the_service_nor_the_other_gateway(tmp_path: Path) -> None:

@@ -177,7 +177,7 @@ def report_usage(error: click.ClickException) -> ExitCode:
         _print_error_line(sentence)
         if hint is not None:
             output.print_note(hint)
-        output.echo(output.text("cli.try_help", command=path), err=True)
+        output.print_note("cli.try_help", command=path)
         _print_notes(error)
         output.print_json({"error": described, "exit": int(ExitCode.USAGE)}, stream=True)
     return ExitCode.USAGE
