@@ -75,7 +75,7 @@ def test_three_frames_in_a_row_without_their_echo_make_it_uncertain() -> None:
     finish(echo, READ, frame_of(READ))
     for _ in range(2):
         finish(echo, READ)
-        assert echo.state is EchoState.ON, "the echo between them began the count anew"
+        assert echo.state is EchoState.ON, "the frames after the echo are counted from zero"
     finish(echo, READ)
     assert echo.state is EchoState.UNKNOWN
 

@@ -105,10 +105,12 @@ class RemoteJogs(PlantListener):
         Where no session does, it goes on.
         """
         lease = self.plant.leases.get(drive, self.plant.now())
-        jogs = {id: jog for id, jog in self._active.items() if jog.drive.id == drive}
         if lease is not None:
-            others = {id: jog for id, jog in jogs.items() if jog.actor.session != lease.actor.session}
-            self._end(others, "plant.jog_taken_over")
+            session = lease.actor.session
+            jogs = {
+                id: jog for id, jog in self._active.items() if jog.drive.id == drive and jog.actor.session != session
+            }
+            self._end(jogs, "plant.jog_taken_over")
 
     def _end(self, jogs: Mapping[str, ActiveJog], key: str) -> None:
         for id, jog in jogs.items():

@@ -36,15 +36,15 @@ def issue_ticket(plant: Plant, runtimes: Iterable[DriveRuntime], actor: Actor) -
     """Return a ticket for a command of ``actor`` to these drives."""
     drives, session = tuple(runtimes), actor.session
     return CommandTicket(
-        plant.now(),
-        session,
-        {runtime.id: plant.stop_counts[runtime.id] for runtime in drives},
-        {
+        issued_at=plant.now(),
+        session=session,
+        stop_counts={runtime.id: plant.stop_counts[runtime.id] for runtime in drives},
+        control_end_counts={
             runtime.id: plant.control_end_counts[runtime.id]
             for runtime in drives
             if _controls(plant, session, runtime.id)
         },
-        drives,
+        drives=drives,
     )
 
 
