@@ -126,6 +126,7 @@ GATEWAY = Gateway(
     check=web_issues,
     certificates=web_certificates,
     address=web_address,
+    listens_at=lambda web: (web.host, web.port),
     runs_without_table=True,
     extra="server",
 )

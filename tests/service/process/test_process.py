@@ -106,6 +106,34 @@ def test_ctrl_z_does_not_suspend_a_service_and_says_why(tmp_path: Path) -> None:
         assert command("stop", "--all", "--directory", str(tmp_path / "state")).returncode == 0
 
 
+def test_a_page_whose_port_is_used_is_reported_before_the_plant_is_said_to_run(tmp_path: Path) -> None:
+    """The plant was running, and only a second later it was said that nobody could reach the page."""
+    file = write(tmp_path)
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        file.write_text(file.read_text().replace("port = 0", f"port = {port}"))
+        process = subprocess.Popen(
+            [*COMMAND, "serve", str(file)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=os.environ | {"DRIVEBUS_LANG": "en", "PYTHONUNBUFFERED": "1"},
+        )
+        try:
+            assert process.stdout is not None
+            lines: list[str] = []
+            while not any(line.startswith("Plant hall is running") for line in lines):
+                lines.append(process.stdout.readline())
+                assert lines[-1], "the service goes on without its page"
+            (reported,) = (line for line in lines if f"can't listen on 127.0.0.1:{port}" in line)
+            assert "stops and history run without it" in reported
+            assert "another host or port under [gateway.web] in plant.toml" in reported
+            assert command("stop", "--all", str(file)).returncode == 0
+        finally:
+            process.kill()
+            process.communicate()
+
+
 def test_a_service_runs_once_reloads_its_file_and_stops_its_drives_at_the_end(tmp_path: Path) -> None:
     """It notifies systemd (``Type=notify``), reloads on SIGHUP, and ends in order on SIGTERM."""
     file, state = write(tmp_path), tmp_path / "state"

@@ -266,6 +266,7 @@ def _gateways(parsed: ParsedPlant) -> Iterator[GatewayConfig]:
             extra=gateway.extra,
             certificates=tuple(gateway.certificates(settings)),
             address=gateway.address(settings),
+            listens_at=gateway.listens_at(settings),
         )
 
 

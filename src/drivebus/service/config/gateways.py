@@ -50,6 +50,8 @@ class Gateway:
     """Return the TLS certificates that its process serves with these settings; the service announces their end."""
     address: Callable[[Any], str | None] = lambda settings: None
     """Return the address where users open it with these settings; None where it has none, or gets it at its start."""
+    listens_at: Callable[[Any], tuple[str, int] | None] = lambda settings: None
+    """Return host and TCP port that its process listens at with these settings; the service reports a used port."""
     runs_without_table: bool = False
     """It runs in a plant whose file has no table for it. Then every key of the table has a default."""
     extra: str | None = None

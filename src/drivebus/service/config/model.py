@@ -206,6 +206,8 @@ class GatewayConfig:
     certificates: tuple[CertificateFiles, ...] = ()
     address: str | None = None
     """Where users open it; None where it has no address, or gets it at its start."""
+    listens_at: tuple[str, int] | None = None
+    """Host and TCP port that its process listens at."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,12 +9,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Callable, Collection, Sequence
+import socket
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any
 
 from drivebus import i18n
 from drivebus.errors import SystemReason
-from drivebus.service.config.model import GatewayConfig
+from drivebus.service.config.model import GatewayConfig, PlantConfig
 from drivebus.service.process.gateway_arguments import (
     AddressOutput,
     GatewayArguments,
@@ -30,6 +31,7 @@ FIRST_RESTART_PAUSE_S = 0.5  # each further exit doubles the pause
 MAX_RESTART_PAUSE_S = 30.0
 STEADY_RUN_S = 60.0  # after a run of this length the next pause is the first one again
 TERMINATE_TIMEOUT_S = 2.0  # a gateway that has not ended by then is killed
+RESOLVE_TIMEOUT_S = 1.0  # for the name of a host: a name server that is away does not delay the service
 CAN_NOT_START_EXIT_CODE = 127  # what a shell reports for a command that the system can't start
 RELOAD_LINE = b"reload\n"
 LOG = logging.getLogger("drivebus.service")
@@ -140,11 +142,7 @@ class GatewaySupervisor(PlantListener):
 
     def on_reload(self) -> None:
         """Start what was added, end what was removed, restart what was changed; notify the others."""
-        enabled = {
-            gateway.id: gateway
-            for gateway in self._plant.config.gateways
-            if gateway.enabled and gateway.id not in self._without
-        }
+        enabled = {one.id: one for one in _enabled_gateways(self._plant.config, self._without)}
         for name in self._configs.keys() - enabled.keys():
             del self._configs[name], self._plant.gateways[name]
             self._end(name)
@@ -197,3 +195,30 @@ class GatewaySupervisor(PlantListener):
     async def close(self) -> None:
         """End every gateway."""
         await asyncio.gather(*(child.close() for child in self._children.values()), *self._closing)
+
+
+async def report_used_ports(config: PlantConfig, without: Collection[str]) -> None:
+    """Log each gateway that can't listen at its address, before a process of this service listens there."""
+    for gateway in _enabled_gateways(config, without):
+        if gateway.listens_at is None:
+            continue
+        host, port = gateway.listens_at
+        try:
+            async with asyncio.timeout(RESOLVE_TIMEOUT_S):
+                await _check_can_listen(host, port)
+        except OSError as error:
+            params = {"gateway": gateway.id, "host": host, "port": port, "reason": SystemReason(error)}
+            LOG.error(i18n.preferred_text("log.gateway_port_used", **params))
+
+
+def _enabled_gateways(config: PlantConfig, without: Collection[str]) -> Iterator[GatewayConfig]:
+    return (one for one in config.gateways if one.enabled and one.id not in without)
+
+
+async def _check_can_listen(host: str, port: int) -> None:
+    """Check that no other program listens at an address of this machine. Raises OSError, TimeoutError."""
+    loop = asyncio.get_running_loop()
+    family, kind, protocol, _, address = (await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM))[0]
+    with socket.socket(family, kind, protocol) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        probe.bind(address)

@@ -25,7 +25,7 @@ from drivebus.service.ipc.protocol import (
 )
 from drivebus.service.ipc.server import SocketServer, StopServer
 from drivebus.service.process.gateway_arguments import AddressOutput
-from drivebus.service.process.gateways import GatewaySupervisor
+from drivebus.service.process.gateways import GatewaySupervisor, report_used_ports
 from drivebus.service.process.lock import single_instance
 from drivebus.service.process.logging_setup import AT_LONG_INTERVALS, LogFormat
 from drivebus.service.process.permissions import check_plant_files
@@ -63,6 +63,7 @@ async def run_service(
         handle_signals(loop, ending, reloads_on_hangup=reloads_on_hangup) as on_reload,
     ):
         await _check_no_service_answers(config.directory)
+        await report_used_ports(config, without)
         async with AsyncExitStack() as stack:
             service = await stack.enter_async_context(build_service(config, watchdog=notify))
             await service.start()
