@@ -80,6 +80,14 @@ def test_a_search_without_a_model_leads_on_and_explains_no_grades() -> None:
     assert shown == i18n.text("models.none", "en", search="no such make") and "profile new" in shown
 
 
+@pytest.mark.parametrize("name", ["serve", "check"])
+def test_a_missing_plant_file_is_answered_with_the_command_that_writes_one(name: str, tmp_path: Path) -> None:
+    """The remedy was only to check the path, also for a plant that has no file yet."""
+    result = command(name, str(tmp_path / "plant.toml"))
+    assert result.exit_code == ExitCode.USAGE
+    assert "no such file" in result.stderr and "`drivebus init` writes a new plant.toml" in result.stderr
+
+
 def test_an_ended_dialogue_without_an_answer_leaves_no_file(tmp_path: Path) -> None:
     """Regression: a file of 0 answers was written."""
     result = command("profile", "new", str(tmp_path / "acme.toml"))

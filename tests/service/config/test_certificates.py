@@ -7,6 +7,7 @@ import os
 import ssl
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import trustme
@@ -125,6 +126,37 @@ def test_check_compares_the_owner_of_a_key_with_that_of_the_state_directory(
     assert not foreign()
     (tmp_path / "state").rmdir()
     assert foreign()
+
+
+@pytest.mark.parametrize("inside", [False, True], ids=["the name is the link", "a folder of the name is the link"])
+@pytest.mark.parametrize("replaceable", ["by its owner", "by every user"])
+@pytest.mark.parametrize("name", ["certificate", "key"])
+def test_check_names_a_link_that_another_user_can_lead_to_a_key_or_certificate_of_their_own(
+    name: str, replaceable: str, inside: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only the file that the link led to was looked at."""
+    private, shared = tmp_path / "private", tmp_path / "shared"
+    private.mkdir(mode=0o700)
+    shared.mkdir()
+    target = getattr(certificate(private, wall_clock() + timedelta(days=300)), name)
+    files = {"certificate": private / "cert.pem", "key": private / "key.pem"}
+    link = shared / "link"
+    link.symlink_to(private if inside else target)
+    files[name] = link / target.name if inside else link
+    text = PLANT.replace('"cert.pem"', f'"{files["certificate"]}"').replace('"key.pem"', f'"{files["key"]}"')
+    (tmp_path / "plant.toml").write_text(text)
+    config = load(tmp_path / "plant.toml")
+    assert list(permissions.certificate_problems(config)) == []
+    if replaceable == "by every user":
+        shared.chmod(0o777)
+        expected = ("plant.writable_by_others", str(shared))
+    else:
+        owner, lstat = link.lstat(), Path.lstat
+        foreign = SimpleNamespace(st_uid=65_534, st_mode=owner.st_mode)
+        monkeypatch.setattr(Path, "lstat", lambda path: foreign if path == link else lstat(path))
+        expected = ("plant.foreign_owner", str(link))
+    (problem,) = permissions.certificate_problems(config)
+    assert (problem.key, problem.params["path"]) == expected
 
 
 async def test_check_and_service_name_a_folder_in_which_others_can_replace_the_key(tmp_path: Path) -> None:

@@ -93,7 +93,7 @@ def test_a_password_in_a_database_url_is_not_repeated() -> None:
 
 
 def test_a_missing_or_unreadable_file_is_reported(tmp_path: Path) -> None:
-    assert refusal(tmp_path / "none.toml").params["diagnostics"][0].kind == "no_file"
+    assert refusal(tmp_path / "none.toml").params["diagnostics"][0].kind == "no_plant_file"
     assert refusal(tmp_path).params["diagnostics"][0].kind == "folder"
     large = tmp_path / "large.toml"
     large.write_bytes(b"#" * 1_000_001)

@@ -257,7 +257,7 @@ def _audit(parsed: ParsedPlant) -> AuditConfig:
 def _gateways(parsed: ParsedPlant) -> Iterator[GatewayConfig]:
     for name, table in parsed.file.gateway.configured():
         gateway = installed_gateways()[name]
-        settings = gateway.settings(table, parsed.resolve_path)
+        settings = gateway.settings(table, parsed.named_path)
         yield GatewayConfig(
             id=name,
             module=gateway.module,

@@ -20,7 +20,7 @@ def all_issues(parsed: ParsedPlant) -> Iterator[Issue | Diagnostic]:
     parsed.read_profiles()
     yield from control_character_issues(parsed.raw, multiline=MULTILINE_KEYS)
     yield from path_issues(parsed)
-    yield from gateway_issues(parsed.file.gateway, parsed.resolve_path)
+    yield from gateway_issues(parsed.file.gateway, parsed.named_path)
     yield from check_buses.bus_issues(parsed)
     yield from check_buses.drive_issues(parsed)
     yield from check_buses.bus_load_issues(parsed)

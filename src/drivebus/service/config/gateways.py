@@ -29,7 +29,7 @@ GATEWAY_NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 """A name is a key of ``plant.toml``, a label of a metric and a field of the schema."""
 
 ResolvePath = Callable[[str], Path]
-"""Makes a path of ``plant.toml`` absolute."""
+"""Makes a path of ``plant.toml`` absolute; links are not followed, so that their owners can be checked."""
 
 
 @dataclass(frozen=True, kw_only=True)

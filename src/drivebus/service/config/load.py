@@ -51,7 +51,7 @@ def load(path: str | Path) -> PlantConfig:
         with where.open("rb") as file:
             raw = file.read(MAX_TOML_BYTES + 1)
     except OSError as error:
-        raise config_error([unreadable_file_diagnostic(str(path), error)]) from None
+        raise config_error([unreadable_file_diagnostic(str(path), error, missing="no_plant_file")]) from None
     return _parse(raw, str(path), where.resolve().parent)
 
 
@@ -71,10 +71,9 @@ def loads(
     return _parse(text.encode(), source, (base or Path()).resolve(), may_read_model, history_url)
 
 
-def unreadable_file_diagnostic(path: str, error: OSError) -> Diagnostic:
-    """Return the diagnostic of a file that cannot be read."""
-    missing = isinstance(error, FileNotFoundError)
-    problem = issue("no_file", (), None) if missing else unreadable_issue(error)
+def unreadable_file_diagnostic(path: str, error: OSError, *, missing: str = "no_file") -> Diagnostic:
+    """Return the diagnostic of a file that cannot be read; ``missing``: its kind for a file that does not exist."""
+    problem = issue(missing, (), None) if isinstance(error, FileNotFoundError) else unreadable_issue(error)
     return to_diagnostic(problem, path, None, CATALOGUE)
 
 

@@ -10,7 +10,6 @@ import stat
 from collections.abc import Iterator, Set
 from contextlib import suppress
 from functools import partial
-from itertools import chain
 from pathlib import Path
 
 from drivebus.errors import ConfigurationError
@@ -35,7 +34,7 @@ def check_plant_files(config: PlantConfig) -> None:
         if path.parent.is_dir():
             _check_folders(path)
     for path in config.named_paths:
-        if path.is_symlink():
+        if any(_links(path)):
             _check_folders(path)
     for path in (*config.named_paths, *config.named_audit_files):  # the folders of these, elsewhere, may have any mode
         _check_links(path)
@@ -78,7 +77,7 @@ def _check_folders(path: Path, user: int | None = None) -> None:
     Raises ConfigurationError, OSError.
     """
     _check_links(path, user)
-    for child in _names(path):
+    for child in (*_links(path), path.resolve()):
         for folder in child.parents:
             if not folder.stat().st_mode & stat.S_ISVTX:
                 check_trusted(folder, user=user)
@@ -89,19 +88,22 @@ def _check_folders(path: Path, user: int | None = None) -> None:
 
 def _check_links(path: Path, user: int | None = None) -> None:
     """Check that no other user owns a symbolic link that a name leads over. Raises ConfigurationError, OSError."""
-    for name in chain((path.absolute(),), _names(path)):
+    for link in _links(path):
+        _check_owner(link, link.lstat().st_uid, {os.geteuid() if user is None else user, ROOT})
+
+
+def _links(path: Path) -> Iterator[Path]:
+    """Yield each symbolic link that a name leads over: the name, its folders, and those of each target.
+
+    Raises OSError.
+    """
+    names, found = [path.absolute()], set[Path]()
+    for name in names:
         for link in (name, *name.parents):
-            if link.is_symlink():
-                _check_owner(link, link.lstat().st_uid, {os.geteuid() if user is None else user, ROOT})
-
-
-def _names(path: Path) -> Iterator[Path]:
-    """Yield the absolute name of a file, each one that a symbolic link leads to, and the real one. Raises OSError."""
-    real, name = path.resolve(), path.absolute()
-    while name.is_symlink():  # without a loop, as the real name was found
-        yield name
-        name = name.parent / name.readlink()
-    yield real
+            if link not in found and link.is_symlink():
+                found.add(link)
+                names.append(link.parent / link.readlink())
+                yield link
 
 
 def _check_owner(path: Path, owner: int, owners: Set[int]) -> None:
