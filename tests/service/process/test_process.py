@@ -106,8 +106,8 @@ def test_ctrl_z_does_not_suspend_a_service_and_says_why(tmp_path: Path) -> None:
         assert command("stop", "--all", "--directory", str(tmp_path / "state")).returncode == 0
 
 
-def test_a_page_whose_port_is_used_is_reported_before_the_plant_is_said_to_run(tmp_path: Path) -> None:
-    """The plant was running, and only a second later it was said that nobody could reach the page."""
+def test_a_used_port_of_the_page_is_reported_before_the_running_plant(tmp_path: Path) -> None:
+    """The plant was reported to run, and only a second later that its page can't be reached."""
     file = write(tmp_path)
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
