@@ -8,6 +8,9 @@ import { isLive } from "./live.js";
 /** Ignore the key repeat of Enter: a held key presses a button once. */
 export const ignoreRepeat = (event) => { if (event.repeat && event.key === "Enter") event.preventDefault(); };
 
+/** Call `act` for the first press of a double click alone: it has moved another alarm's button under the pointer. */
+export const onFirstClick = (act) => ({ detail }) => { if (detail < 2) act(); };
+
 /** Whether a key belongs to an input method, such as the Enter that ends the input of Chinese. Safari reports that one after
  * its end, with this code. */
 export const isComposing = ({ isComposing: isUnderWay, keyCode }) => isUnderWay || keyCode === 229;

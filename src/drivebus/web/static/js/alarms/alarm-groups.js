@@ -1,7 +1,7 @@
 // Equal alarms as one group: the same condition on drives of the same bus. A lost bus raises one for each drive.
 import { computed } from "../lib.js";
 import { hasKey, t, titleOf } from "../i18n.js";
-import { unacknowledged } from "./alarm-list.js";
+import { isCleared, unacknowledged } from "./alarm-list.js";
 import { api } from "../api.js";
 import { bus, drive } from "../store.js";
 import { collator, driveTitle, shortList } from "../titles.js";
@@ -28,6 +28,13 @@ function busTitle(id) {
 const conditionOf = (alarm) => JSON.stringify([alarm.kind, alarm.title, alarm.setting, alarm.priority, alarm.subject,
   busTitle(alarm.drive), alarm.kind === "fault" ? alarm.value : null,
   alarm.shelved_until_ms, alarm.shelved_by, alarm.shelved_reason]);
+
+/** Key of a group's row: it stays while alarms of the group come, go or are acknowledged. */
+export const keyOfGroup = ([alarm]) => conditionOf(alarm);
+
+/** Alarms of a group in an order that their acknowledgement leaves: that of the next one stays where it is. */
+export const steadyOrder = (alarms) => [...alarms].sort((one, other) => isCleared(one) - isCleared(other)
+  || collator.compare(nameOf(one), nameOf(other)));
 
 /** Name of the subject of an alarm that concerns no drive; a file by itself. */
 export const subjectName = (subject) => (hasKey(`alarms.subject.${subject}`) ? t(`alarms.subject.${subject}`) : subject);

@@ -7,9 +7,12 @@ import { duration, moment } from "../format.js";
 import { isLive, tickingServiceNow } from "../live.js";
 import { href } from "../router.js";
 import { may } from "../session.js";
-import { bus } from "../store.js";
-import { Button, ErrorNote, useRequest, withCommands } from "../ui.js";
-import { acknowledgeAll, groupAlarms, groupSubject, replacedName, subjectName, subjectNames, unshelveAll } from "./alarm-groups.js";
+import { bus, drive } from "../store.js";
+import { Button, ErrorNote, onFirstClick, useRequest, withCommands } from "../ui.js";
+import { faultText } from "../drive/faults.js";
+import {
+  acknowledgeAll, groupAlarms, groupSubject, keyOfGroup, replacedName, steadyOrder, subjectName, subjectNames, unshelveAll,
+} from "./alarm-groups.js";
 import { AlarmState, PriorityMark } from "./alarm-state.js";
 import { ShelveDialog } from "./shelve-dialog.js";
 import { driveTitle } from "../titles.js";
@@ -19,7 +22,7 @@ export function AlarmRows({ alarms, empty }) {
   if (alarms.length === 0) return html`<p class="nothing">${empty}</p>`;
   return html`<ul class="alarms">${groupAlarms(alarms).map((equal) => (equal.length === 1
     ? html`<${AlarmRow} key=${equal[0].first_id} alarm=${equal[0]} />`
-    : html`<${GroupRow} key=${equal.at(-1).first_id} alarms=${equal} />`))}</ul>`;
+    : html`<${GroupRow} key=${keyOfGroup(equal)} alarms=${equal} />`))}</ul>`;
 }
 
 const rowClass = (priority, acknowledged, cleared) => `alarmrow ${priority} ${acknowledged ? "acknowledged"
@@ -37,6 +40,21 @@ function groupState(alarms) {
     : t("page.alarm_group_partly", { n, names: subjectNames(active), cleared });
 }
 
+/** The fault that the drives of a group report; the sentence of its oldest alarm where none of them does any more. */
+function GroupFault({ alarms, oldest }) {
+  const reported = alarms.map((alarm) => drive(alarm.drive).peek()?.fault).find((fault) => fault?.code === oldest.value);
+  return html`<p>${reported ? faultText(reported) : withCommands(localized(oldest.text))}</p>`;
+}
+
+/** Users who have acknowledged some of these alarms, and the time of the last acknowledgement. */
+function AcknowledgedBy({ alarms }) {
+  const done = alarms.filter(isAcknowledged);
+  if (done.length === 0) return null;
+  const by = [...new Set(done.map((alarm) => alarm.acknowledged_by ?? ""))].join(t("language.between_items"));
+  const time = moment(Math.max(...done.map((alarm) => alarm.acknowledged_ms)));
+  return html`<span>${t("page.acknowledged_by", { by, time })}</span>`;
+}
+
 function GroupRow({ alarms }) {
   const [open, setOpen] = useState(false);
   const [shelving, setShelving] = useState(false);
@@ -48,12 +66,13 @@ function GroupRow({ alarms }) {
     alarms.every(isCleared))} group`}>
     <${PriorityMark} priority=${first.priority} />
     <div class="what"><strong>${t("page.alarm_group", { title: localized(first.title), n: alarms.length })}</strong>
-      <span>${groupSubject(alarms)}</span>${first.kind === "fault" && html`<p>${withCommands(localized(first.text))}</p>`}
-      <${AlarmRemedy} alarm=${first} /></div>
+      <span>${groupSubject(alarms)}</span>${first.kind === "fault" && html`<${GroupFault}
+        alarms=${alarms} oldest=${oldest} />`}<${AlarmRemedy} alarm=${first} /></div>
     <div class="when"><b>${groupState(alarms)}</b><span>${t("page.alarm_group_open", { n: waiting.length })}</span>
+      <${AcknowledgedBy} alarms=${alarms} />
       <span>${t("page.alarm_group_oldest", { age: raisedAgo(oldest) })}</span><${ShelvedNote} alarm=${first} /></div>
     <div class="do">${may("operate") && waiting.length > 0 && html`<${Button} kind="main" busy=${busy}
-      disabled=${!isLive.value} data-alarm="acknowledge" onClick=${() => execute(() => acknowledgeAll(waiting))}>
+      disabled=${!isLive.value} data-alarm="acknowledge" onClick=${onFirstClick(() => execute(() => acknowledgeAll(waiting)))}>
       ${t("page.acknowledge_all", { n: waiting.length })}<//>`}
       ${may("operate") && !isShelved(first) && html`<${Button} disabled=${!isLive.value} data-alarm="shelve"
         onClick=${() => setShelving(true)}>${t("page.shelve_all", { n: alarms.length })}<//>`}
@@ -62,7 +81,7 @@ function GroupRow({ alarms }) {
     ${error && html`<div class="whole"><${ErrorNote} error=${error} /></div>`}
     <details class="whole" open=${open} onToggle=${(event) => setOpen(event.currentTarget.open)}>
       <summary>${t("page.alarm_group_each")}</summary>
-      ${open && html`<ul class="alarms">${alarms.map((alarm) => html`<${AlarmRow} key=${alarm.first_id} alarm=${alarm} />`)}
+      ${open && html`<ul class="alarms">${steadyOrder(alarms).map((alarm) => html`<${AlarmRow} key=${alarm.first_id} alarm=${alarm} />`)}
         </ul>`}</details>
     ${shelving && html`<${ShelveDialog} alarms=${alarms} onClose=${() => setShelving(false)} />`}</li>`;
 }
@@ -79,10 +98,10 @@ function AlarmRow({ alarm }) {
     <div class="what"><strong>${localized(alarm.title)}</strong><span><${AlarmDetails} alarm=${alarm} /></span>
       <p>${withCommands(localized(alarm.text))}</p><${AlarmRemedy} alarm=${alarm} /></div>
     <div class="when"><${AlarmState} alarm=${alarm} />
-      <span>${raisedAgo(alarm)}</span><${Repetition} alarm=${alarm} /><${ShelvedNote} alarm=${alarm} /></div>
+      <${AcknowledgedBy} alarms=${[alarm]} /><span>${raisedAgo(alarm)}</span><${Repetition} alarm=${alarm} /><${ShelvedNote} alarm=${alarm} /></div>
     <div class="do">
       ${able && !acknowledged && html`<${Button} kind="main" busy=${busy} disabled=${off} data-alarm="acknowledge"
-        onClick=${() => execute(() => api.post(`${path}/acknowledge`))}>${t("page.acknowledge")}<//>`}
+        onClick=${onFirstClick(() => execute(() => api.post(`${path}/acknowledge`)))}>${t("page.acknowledge")}<//>`}
       ${able && !isShelved(alarm) && html`<${Button} disabled=${off}
         onClick=${() => setShelving(true)}>${t("page.shelve")}<//>`}
       ${able && isShelved(alarm) && html`<${Button} busy=${busy} disabled=${off}

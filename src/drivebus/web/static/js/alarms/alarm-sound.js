@@ -2,8 +2,11 @@
 import { effect, signal } from "../lib.js";
 import { urgentAlarms } from "./alarm-list.js";
 import { loadPreference, onPreferenceOfOtherTab, savePreference } from "../preferences.js";
+import { nowMs } from "../store.js";
 
 const REPEAT_MS = 10_000;
+/** From the beginning of a sound to that of the next one: alarms that follow each other closely have one sound, and a pause. */
+const MIN_INTERVAL_MS = 2000;
 const TONES_HZ = [880, 660];
 const TONE_S = 0.25;
 
@@ -16,6 +19,8 @@ const hasBeenUsed = () => navigator.userActivation?.hasBeenActive !== false;
 export const isSoundPermitted = signal(hasBeenUsed());
 let audio = null;
 let timer = null;
+/** Earliest time of the next sound (`nowMs`). */
+let nextAt = 0;
 
 /** Turn the sound off or on; the click that lets the browser sound leaves it on. */
 export function toggleSound() {
@@ -29,6 +34,7 @@ export function play() {
   const isPermitted = hasBeenUsed();
   isSoundPermitted.value = isPermitted;
   if (!isPermitted) return;
+  nextAt = nowMs() + MIN_INTERVAL_MS;
   audio ??= new AudioContext();
   audio.resume();
   TONES_HZ.forEach((hertz, n) => {
@@ -39,9 +45,17 @@ export function play() {
   });
 }
 
+/** Sound now, or where another sound began just before as soon as that is over, and then every ten seconds. */
+function playRepeatedly() {
+  clearTimeout(timer);
+  const wait_ms = nextAt - nowMs();
+  if (wait_ms <= 0) play();
+  timer = setTimeout(playRepeatedly, wait_ms > 0 ? wait_ms : REPEAT_MS);
+}
+
 /**
- * Sound at once for a new urgent alarm and every ten seconds until all are acknowledged or shelved. The choice of one tab
- * holds in every tab of the browser, as the button says.
+ * Sound for a new urgent alarm and every ten seconds until all are acknowledged or shelved. The choice of one tab holds in
+ * every tab of the browser, as the button says.
  */
 export function startAlarmSound() {
   let known = new Set();
@@ -51,9 +65,7 @@ export function startAlarmSound() {
     const urgent = isSoundOn.value ? urgentAlarms() : [];
     const isNew = urgent.some((alarm) => !known.has(alarm.id));
     known = new Set(urgent.map((alarm) => alarm.id));
-    if (urgent.length > 0 && !isNew && timer) return;
-    clearInterval(timer);
-    timer = urgent.length > 0 ? setInterval(play, REPEAT_MS) : null;
-    if (isNew) play();
+    if (isNew) playRepeatedly();
+    else if (urgent.length === 0) clearTimeout(timer);
   });
 }

@@ -6,14 +6,14 @@ import { isLive } from "../live.js";
 import { href, route } from "../router.js";
 import { may } from "../session.js";
 import { drive } from "../store.js";
-import { Button, ErrorNote, useRequest, withCommands } from "../ui.js";
+import { Button, ErrorNote, onFirstClick, useRequest, withCommands } from "../ui.js";
 import { acknowledgeAll, alarmSubject, groupAlarms, groupSubject } from "./alarm-groups.js";
 import { isCleared, openAlarms, unacknowledged, uncleared } from "./alarm-list.js";
 import { PriorityMark } from "./alarm-state.js";
 
 function Acknowledge({ alarms }) {
   const [execute, busy, error] = useRequest();
-  const send = () => execute(() => acknowledgeAll(alarms));
+  const send = onFirstClick(() => execute(() => acknowledgeAll(alarms)));
   return html`<${Button} busy=${busy} disabled=${!isLive.value} onClick=${send} data-do="acknowledge">
     ${alarms.length > 1 ? t("page.acknowledge_all", { n: alarms.length }) : t("page.acknowledge")}<//><${ErrorNote}
     error=${error} />`;
