@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         Outcome,
         OutcomeStatus,
         StopReport,
+        stop_all_addresses,
         stop_bus,
     )
     from drivebus.errors import DrivebusError
@@ -51,6 +52,7 @@ _MODULE_OF = {
     "Outcome": "drives",
     "OutcomeStatus": "drives",
     "StopReport": "drives",
+    "stop_all_addresses": "drives",
     "stop_bus": "drives",
     "DrivebusError": "errors",
     "SerialSettings": "serial_settings",
@@ -76,6 +78,7 @@ __all__ = [
     "SerialSettings",
     "StopReport",
     "open_bus",
+    "stop_all_addresses",
     "stop_bus",
 ]
 

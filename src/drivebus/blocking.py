@@ -36,7 +36,7 @@ from drivebus.errors import Superseded
 from drivebus.profiles.model import DriveProfile
 from drivebus.values import Reading
 
-__all__ = ["Bus", "Drive", "JogSession", "Monitor", "open_bus", "stop_bus"]
+__all__ = ["Bus", "Drive", "JogSession", "Monitor", "open_bus", "stop_all_addresses", "stop_bus"]
 
 T = TypeVar("T")
 
@@ -392,3 +392,8 @@ class Drive:
 def stop_bus(bus: Bus, stopped: Sequence[Drive]) -> drives.StopReport:
     """Stop every drive on a bus; see ``drivebus.stop_bus``."""
     return bus.run(drives.stop_bus(bus.bus, [drive.drive for drive in stopped]))
+
+
+def stop_all_addresses(bus: Bus, looked_for: Sequence[Drive]) -> drives.StopReport:
+    """Stop each of these drives that is there; see ``drivebus.stop_all_addresses``."""
+    return bus.run(drives.stop_all_addresses(bus.bus, [drive.drive for drive in looked_for]))

@@ -1,6 +1,6 @@
 """Drives of every protocol family, driven by their profiles: ``Drive``, ``Monitor`` and ``stop_bus``."""
 
-from drivebus.drives.bus_stop import StopReport, stop_bus
+from drivebus.drives.bus_stop import StopReport, stop_all_addresses, stop_bus
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.dialects.create import create_dialect
 from drivebus.drives.drive import Drive
@@ -23,5 +23,6 @@ __all__ = [
     "OutcomeStatus",
     "StopReport",
     "create_dialect",
+    "stop_all_addresses",
     "stop_bus",
 ]

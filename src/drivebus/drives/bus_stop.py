@@ -6,20 +6,26 @@ Not an emergency stop: only a hard-wired STO or SS1 is.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 from drivebus.bus import Bus
 from drivebus.bus.messages import BusRequest, RequestPriority
+from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.drive import Drive
 from drivebus.drives.operations.context import frame_exchange
 from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
-from drivebus.errors import DrivebusError, StopUnconfirmed
+from drivebus.errors import DrivebusError, PortError, StopUnconfirmed
 
 BROADCAST_COUNT = 2  # a broadcast has no reply, and one may be lost
+MAX_SWEEPS = 3  # the first one, and further ones of the addresses that a lost port left out
+PORT_RETURN_POLLS = 20  # a lost port is waited for 2 s, as long as a stop without progress
+PORT_POLL_INTERVAL_S = 0.1  # pause between two of them
+EVIDENCE_OF_PRESENCE = {"late", "foreign", "duplicate"}  # frames of a station outside its own transaction, as counted
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StopReport:
     """Report of a bus stop: the broadcasts and the outcome of each drive.
 
@@ -30,6 +36,10 @@ class StopReport:
     ended_at: float
     broadcasts: tuple[FrameExchange, ...]
     outcomes: tuple[tuple[int, Outcome], ...]  # address and outcome
+    absent: tuple[int, ...] = ()
+    """Addresses without a reply, where ``stop_all_addresses`` looked for drives."""
+    lost: tuple[int, ...] = ()
+    """Addresses that the port lost before a stop could be sent there: a drive may run at each of them."""
 
     @property
     def acknowledged(self) -> tuple[int, ...]:
@@ -44,7 +54,7 @@ class StopReport:
     @property
     def confirmed(self) -> bool:
         """Whether every drive reported standstill; False for a drive that only acknowledged the stop."""
-        return not (self.acknowledged or self.unconfirmed)
+        return not (self.acknowledged or self.unconfirmed or self.lost)
 
 
 async def stop_bus(bus: Bus, drives: Sequence[Drive]) -> StopReport:
@@ -57,7 +67,91 @@ async def stop_bus(bus: Bus, drives: Sequence[Drive]) -> StopReport:
     broadcasts = await _broadcast(bus, drives)
     outcomes = await asyncio.gather(*(_stop(drive, len(drives)) for drive in drives))
     addresses = tuple(drive.address for drive in drives)
-    return StopReport(started_at, bus.now(), broadcasts, tuple(zip(addresses, outcomes, strict=True)))
+    return StopReport(
+        started_at=started_at,
+        ended_at=bus.now(),
+        broadcasts=broadcasts,
+        outcomes=tuple(zip(addresses, outcomes, strict=True)),
+    )
+
+
+async def stop_all_addresses(
+    bus: Bus, drives: Sequence[Drive], on_progress: Callable[[Drive, float], None] | None = None
+) -> StopReport:
+    """Stop each of these drives that is there: one for every address at which a drive may be.
+
+    Each address is sent a stop at once, and the drives that reply are stopped as by ``stop_bus``; a drive whose reply
+    came late is stopped too, and the addresses that a lost port left out follow once it is back within 2 s.
+    ``on_progress`` gets each drive that was sent a frame, and the share of this turn that is done, above 0 to 1.
+    """
+    lost, reports = list(drives), list[StopReport]()
+    lateness_s = max((drive.dialect.station_config.timing.max_reply_lateness_s for drive in drives), default=0.0)
+    for _ in range(MAX_SWEEPS):
+        present, lost = await _sweep(bus, lost, on_progress)
+        replies_due_until = bus.now() + lateness_s
+        reports.append(await stop_bus(bus, present))
+        if not lost or not await _is_open_soon(bus):
+            break
+    await asyncio.sleep(max(0.0, replies_due_until - bus.now()))
+    reports.append(await stop_bus(bus, _late_drives(bus, drives, reports)))
+    outcomes = sorted((outcome for report in reports for outcome in report.outcomes), key=itemgetter(0))
+    left_out = tuple(drive.address for drive in lost)
+    return StopReport(
+        started_at=reports[0].started_at,
+        ended_at=reports[-1].ended_at,
+        broadcasts=tuple(exchange for report in reports for exchange in report.broadcasts),
+        outcomes=tuple(outcomes),
+        absent=tuple(drive.address for drive in drives if drive.address not in {*dict(outcomes), *left_out}),
+        lost=left_out,
+    )
+
+
+async def _sweep(
+    bus: Bus, drives: Sequence[Drive], on_progress: Callable[[Drive, float], None] | None
+) -> tuple[list[Drive], list[Drive]]:
+    """Send the broadcast stop where the family has one, then one stop to each address.
+
+    Return the drives that replied, and those whose stop the port lost. Where a stop waits until its station answered
+    as this model, each address is read instead.
+    """
+    bus.inhibit_start(None)
+    await _broadcast(bus, drives)
+    present, lost = list[Drive](), list[Drive]()
+    for number, drive in enumerate(drives, 1):
+        check = drive.dialect.model_check()
+        request = BusRequest(
+            station=drive.address,
+            request=drive.dialect.stop(StopMode.STOP)[0] if check is None else check,
+            priority=RequestPriority.STOP if check is None else RequestPriority.PARAMETER,
+        )
+        result = await bus.transact(request)
+        if result.received:
+            present.append(drive)
+        elif isinstance(result.error, PortError):
+            lost.append(drive)
+        if on_progress is not None:
+            on_progress(drive, number / len(drives))
+    return present, lost
+
+
+def _late_drives(bus: Bus, drives: Sequence[Drive], reports: Iterable[StopReport]) -> list[Drive]:
+    """Return the drives that are in no report although frames of them were received outside their transactions."""
+    reported = {address for report in reports for address, _ in report.outcomes}
+    stations = bus.statistics().stations
+    return [
+        drive
+        for drive in drives
+        if drive.address not in reported and EVIDENCE_OF_PRESENCE & stations[drive.address].counters.keys()
+    ]
+
+
+async def _is_open_soon(bus: Bus) -> bool:
+    """Return whether the port is open, now or after a short wait for its return."""
+    for _ in range(PORT_RETURN_POLLS):
+        if bus.is_open:
+            break
+        await asyncio.sleep(PORT_POLL_INTERVAL_S)
+    return bus.is_open
 
 
 async def _broadcast(bus: Bus, drives: Sequence[Drive]) -> tuple[FrameExchange, ...]:

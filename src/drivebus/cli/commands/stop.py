@@ -9,7 +9,6 @@ import sys
 from collections.abc import Awaitable, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,24 +34,14 @@ from drivebus.cli.stop_result import (
     print_service_result,
     result_text,
 )
-from drivebus.errors import (
-    ConfigurationError,
-    PortError,
-    StopUnconfirmed,
-)
+from drivebus.errors import ConfigurationError, StopUnconfirmed
 from drivebus.types import Json
 from drivebus.values import format_addresses, parse_addresses
 
 if TYPE_CHECKING:
-    from drivebus.bus import Bus
     from drivebus.drives import Drive, StopReport
     from drivebus.drives.outcome import Outcome
-    from drivebus.profiles import DriveProfile
 
-MAX_SWEEPS = 3  # the first one, and further ones of the addresses that a lost port left out
-PORT_RETURN_POLLS = 20  # a lost port is waited for 2 s, as long as a stop without progress
-PORT_POLL_INTERVAL_S = 0.1  # pause between two of them
-EVIDENCE_OF_PRESENCE = {"late", "foreign", "duplicate"}  # frames of a station outside its own transaction, as counted
 STOP_ACCEPT_TIMEOUT_S = 3.0  # a service accepts a stop at once; only its result takes as long as a motor to stop
 _FLAGS_OF_ONE_DRIVE = ("--quick", "--assume-model", "--")  # left out of the command that stops several
 _NOT_OF_ADDRESSES = ("everything", "service", "drive", "group", "directory")
@@ -187,121 +176,41 @@ def _check_addresses(target: Target, addresses: tuple[int, ...]) -> None:
 
 async def _stop_addresses(target: Target, addresses: tuple[int, ...], *, find: bool) -> ExitCode:
     from drivebus.bus import Bus
-    from drivebus.drives import Drive, stop_bus
+    from drivebus.drives import Drive, stop_all_addresses, stop_bus
 
     profile, options = target.profile, target.drive_options()
     with record_port(target.open_port(), target.record, required=target.must_record) as port:
         async with Bus(port) as bus:
             drives = [Drive(bus, profile, each, encoding=target.encoding, options=options) for each in addresses]
-            report, lost = await _stop_present(bus, drives) if find else (await stop_bus(bus, drives), ())
-            present = {address for address, _ in report.outcomes}
-            absent = tuple(address for address in addresses if address not in present and address not in lost)
+            if find:
+                with output.ProgressBar() as bar:
+                    started_at = bus.now()
+
+                    def show(drive: Drive, share: float) -> None:
+                        spent_s = bus.now() - started_at
+                        bar.update(f"{profile.model} {drive.address:3d}", spent_s, spent_s / share)
+
+                    report = await stop_all_addresses(bus, drives, show)
+            else:
+                report = await stop_bus(bus, drives)
             for drive in drives:
                 drive.close()
-            return _print_report(report, absent, lost, bus.now())
+            return _print_report(report, bus.now())
 
 
-async def _stop_present(bus: Bus, drives: list[Drive]) -> tuple[StopReport, tuple[int, ...]]:
-    """Stop the drives that reply, also at the addresses that a lost port left out, once it is back.
-
-    Return the report and the addresses that the port lost. A drive whose reply came late is stopped too: it exists.
-    """
-    from drivebus.drives import stop_bus
-
-    lost, reports, lateness_s = drives, [], drives[0].dialect.station_config.timing.max_reply_lateness_s
-    for _ in range(MAX_SWEEPS):
-        present, lost = await _sweep(bus, lost)
-        replies_due_until = bus.now() + lateness_s
-        reports.append(await stop_bus(bus, present))
-        if not lost or not await _is_open_soon(bus):
-            break
-    await asyncio.sleep(max(0.0, replies_due_until - bus.now()))
-    reports.append(await stop_bus(bus, _late_drives(bus, drives, reports)))
-    report = replace(
-        reports[0],
-        ended_at=reports[-1].ended_at,
-        broadcasts=tuple(exchange for each in reports for exchange in each.broadcasts),
-        outcomes=tuple(sorted(((a, o) for each in reports for a, o in each.outcomes), key=itemgetter(0))),
-    )
-    return report, tuple(drive.address for drive in lost)
-
-
-def _late_drives(bus: Bus, drives: list[Drive], reports: list[StopReport]) -> list[Drive]:
-    """Return the drives that are in no report although frames of them were received outside their transactions."""
-    reported = {address for report in reports for address, _ in report.outcomes}
-    stations = bus.statistics().stations
-    return [
-        drive
-        for drive in drives
-        if drive.address not in reported and EVIDENCE_OF_PRESENCE & stations[drive.address].counters.keys()
-    ]
-
-
-async def _is_open_soon(bus: Bus) -> bool:
-    """Return whether the port is open, now or after a short wait for its return."""
-    for _ in range(PORT_RETURN_POLLS):
-        if bus.is_open:
-            break
-        await asyncio.sleep(PORT_POLL_INTERVAL_S)
-    return bus.is_open
-
-
-async def _sweep(bus: Bus, drives: list[Drive]) -> tuple[list[Drive], list[Drive]]:
-    """Send the broadcast stop where the family has one, then one stop to each address.
-
-    Return the drives that replied, and those whose stop the port lost. Where a stop waits until its station answered
-    as this model, each address is read instead.
-    """
-    from drivebus.bus.messages import BusRequest, RequestPriority
-    from drivebus.drives.dialects.base import StopMode
-
-    bus.inhibit_start(None)
-    first = drives[0]
-    check = first.dialect.model_check()
-    for request in first.dialect.broadcast_stop() if check is None and _can_broadcast(first.profile) else ():
-        await bus.transact(
-            BusRequest(
-                station=first.address,
-                request=request,
-                priority=RequestPriority.STOP,
-            )
-        )
-    present, lost, started_at = [], [], bus.now()
-    with output.ProgressBar() as bar:
-        for number, drive in enumerate(drives):
-            check = drive.dialect.model_check()
-            request = BusRequest(
-                station=drive.address,
-                request=drive.dialect.stop(StopMode.STOP)[0] if check is None else check,
-                priority=RequestPriority.STOP if check is None else RequestPriority.PARAMETER,
-            )
-            result = await bus.transact(request)
-            if result.received:
-                present.append(drive)
-            elif isinstance(result.error, PortError):
-                lost.append(drive)
-            spent_s = bus.now() - started_at
-            bar.update(f"{drive.profile.model} {drive.address:3d}", spent_s, spent_s / (number + 1) * len(drives))
-    return present, lost
-
-
-def _can_broadcast(profile: DriveProfile) -> bool:
-    return "broadcast_stop" in profile.capabilities
-
-
-def _print_report(report: StopReport, absent: tuple[int, ...], lost: tuple[int, ...], now: float) -> ExitCode:
+def _print_report(report: StopReport, now: float) -> ExitCode:
     from drivebus.cli.formatting import exchange_json, outcome_json
 
     drives = drives_by_status({str(address): {"status": outcome.status} for address, outcome in report.outcomes})
-    uncovered = {"bus_stop.absent": absent, "bus_stop.lost": lost}
+    uncovered = {"bus_stop.absent": report.absent, "bus_stop.lost": report.lost}
     text = result_text(drives, [output.text(key, count=len(found)) for key, found in uncovered.items() if found])
     output.print_json(
         {
             "confirmed": [address for address, _ in report.outcomes if str(address) in drives["confirmed"]],
             "acknowledged": list(report.acknowledged),
             "unconfirmed": list(report.unconfirmed),
-            "absent": list(absent),
-            "lost": list(lost),
+            "absent": list(report.absent),
+            "lost": list(report.lost),
             "text": text,
             "seconds": round(report.ended_at - report.started_at, 3),
             "broadcasts": [exchange_json(exchange) for exchange in report.broadcasts],
@@ -311,7 +220,7 @@ def _print_report(report: StopReport, absent: tuple[int, ...], lost: tuple[int, 
     output.print_text(output.wrap_for(text, sys.stdout))
     language = output.language()
     print_reasons({str(address): each.text(language) for address, each in report.outcomes if not each.succeeded})
-    return ExitCode.UNKNOWN if lost else exit_code(drives)
+    return ExitCode.UNKNOWN if report.lost else exit_code(drives)
 
 
 def _print_plan(

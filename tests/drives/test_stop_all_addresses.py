@@ -1,0 +1,130 @@
+"""A stop at every address where a drive may be: those that are there are stopped, the others are named."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+import pytest
+
+from drivebus import blocking
+from drivebus.bus import Bus
+from drivebus.bus.messages import BusRequest, BusResult
+from drivebus.drives import Drive, StopReport, stop_all_addresses
+from drivebus.drives.bus_stop import MAX_SWEEPS
+from drivebus.errors import StartInhibited
+from drivebus.simulator.port import simulated_bus_of
+from fixtures.drives import SAFE_HZ, SimulatedDrives, run_virtual
+
+ADDRESSES = range(1, 9)
+
+
+async def stop_at_every_address(bench: SimulatedDrives, *progress: Callable[[Drive, float], None]) -> StopReport:
+    drives = [bench.drive(address) for address in ADDRESSES]
+    return await stop_all_addresses(bench.bus, drives, *progress)
+
+
+@pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "ms300"])
+def test_running_drives_at_unknown_addresses_are_stopped_and_the_empty_addresses_are_named(model: str) -> None:
+    async def scenario() -> None:
+        async with SimulatedDrives(model, "3,7") as bench:
+            starter = bench.drive(3)
+            await starter.run(SAFE_HZ.get(model, 20.0))
+            starter.close()
+            assert bench.station(3).running
+            report = await stop_at_every_address(bench)
+            assert not bench.station(3).running
+            assert [address for address, _ in report.outcomes] == [3, 7]
+            assert report.confirmed and report.lost == ()
+            assert report.absent == (1, 2, 4, 5, 6, 8)
+
+    run_virtual(scenario())
+
+
+def test_starts_are_inhibited_from_the_first_frame_on() -> None:
+    async def scenario() -> None:
+        async with SimulatedDrives("vc660", "1") as bench:
+            drive = bench.drive(1)
+            await stop_all_addresses(bench.bus, [drive])
+            with pytest.raises(StartInhibited):
+                await drive.run(20.0)
+            assert not bench.station(1).running
+
+    run_virtual(scenario())
+
+
+def test_the_progress_names_each_address_and_ends_at_the_whole() -> None:
+    seen: list[tuple[int, float]] = []
+
+    async def scenario() -> None:
+        async with SimulatedDrives("vc660", "2") as bench:
+            await stop_at_every_address(bench, lambda drive, share: seen.append((drive.address, share)))
+
+    run_virtual(scenario())
+    assert seen == [(address, address / 8) for address in ADDRESSES]
+
+
+@pytest.mark.parametrize("returns_after_s", [None, 1.0])
+def test_addresses_that_a_lost_port_left_out_are_no_confirmed_stop_until_the_port_is_back(
+    monkeypatch: pytest.MonkeyPatch, returns_after_s: float | None
+) -> None:
+    """A drive may run at each of them."""
+    transact, asked = Bus.transact, list[int]()
+
+    async def lose_the_port(bus: Bus, request: BusRequest) -> BusResult:
+        asked.append(request.station)
+        if len(asked) == 6:
+            simulated_bus = simulated_bus_of(bus.port)
+            simulated_bus.unplug()
+            if returns_after_s is not None:
+                asyncio.get_running_loop().call_later(returns_after_s, simulated_bus.replug)
+        return await transact(bus, request)
+
+    async def scenario() -> StopReport:
+        async with SimulatedDrives("vc660", "2,8") as bench:
+            return await stop_at_every_address(bench)
+
+    monkeypatch.setattr(Bus, "transact", lose_the_port)
+    report = run_virtual(scenario())
+    stopped = [address for address, _ in report.outcomes]
+    assert report.confirmed is (returns_after_s is not None)
+    if returns_after_s is None:
+        assert report.lost and 8 in report.lost and 8 not in report.absent
+    else:
+        assert (stopped, report.lost, report.absent) == ([2, 8], (), (1, 3, 4, 5, 6, 7))
+
+
+def test_a_port_that_is_lost_again_and_again_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    turns: list[float] = []
+
+    async def scenario() -> StopReport:
+        async with SimulatedDrives("vc660", "1") as bench:
+
+            def lose_the_port(_drive: Drive, share: float) -> None:
+                if share < 0.9:
+                    return
+                turns.append(share)
+                simulated_bus_of(bench.port).unplug()
+                asyncio.get_running_loop().call_later(0.2, simulated_bus_of(bench.port).replug)
+
+            return await stop_at_every_address(bench, lose_the_port)
+
+    report = run_virtual(scenario())
+    assert len(turns) <= MAX_SWEEPS
+    assert {address for address, _ in report.outcomes} | {*report.absent, *report.lost} == set(ADDRESSES)
+
+
+def test_no_address_is_an_empty_report() -> None:
+    async def scenario() -> StopReport:
+        async with SimulatedDrives("vc660", "1") as bench:
+            return await stop_all_addresses(bench.bus, [])
+
+    report = run_virtual(scenario())
+    assert (report.outcomes, report.absent, report.lost) == ((), (), ())
+
+
+def test_a_blocking_program_stops_every_address() -> None:
+    with blocking.open_bus("sim://vc660@2?baud=38400") as bus:
+        drives = [blocking.Drive(bus, "vc660", address) for address in (1, 2)]
+        report = blocking.stop_all_addresses(bus, drives)
+        assert (report.confirmed, report.absent) == (True, (1,))
