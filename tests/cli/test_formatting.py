@@ -157,6 +157,19 @@ def test_a_scan_notes_how_models_that_look_alike_count_their_frequency(
     assert ("alike" in shown) is doubtful and "".join(note.split()) in "".join(shown.split())
 
 
+def test_a_scan_notes_a_look_alike_whose_step_no_source_gives_beside_one_step_that_is_known(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """They were called alike without a word about the frequency."""
+    drive = DetectedDrive(
+        models=("t13", "fr_d700_modbus"), setpoint_steps_hz={"fr_d700_modbus": 0.01}, family="modbus", encoding="rtu",
+        address=3, settings=SerialSettings.parse(9600, "8N1"), exchange=(b"", b""),
+    )  # fmt: skip
+    print_scan("x", ScanProgress(total_s=1.0, found=[drive]), None, ExitCode.DONE)
+    note = "alike on the bus, but fr_d700_modbus count 0.01 Hz; the step of t13 is not published"
+    assert note.replace(" ", "") in "".join(capsys.readouterr().out.split())
+
+
 @pytest.mark.parametrize(
     ("models", "fits_partly", "note"),
     [

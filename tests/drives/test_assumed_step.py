@@ -201,3 +201,42 @@ def test_the_plan_of_the_calibration_shows_the_word_before_the_start() -> None:
     planned = dict(step.plan(dialect))
     assert [*planned] == ["state", "set_frequency", "start"]
     assert [(one.register, one.value) for one in planned["set_frequency"]] == [(SETPOINT, 50)]
+
+
+def test_no_model_has_a_look_alike_of_its_maker_that_turns_faster_at_the_same_frames_and_no_cap() -> None:
+    """Set and read in a wrong step, a frequency confirms itself: a PowerFlex 40 as a 400 turns ten times faster."""
+
+    def frames(profile: DriveProfile) -> tuple[Any, ...]:
+        commands, output = profile.commands, profile.signals["output_frequency"]
+        start = commands.values.get("start_forward")
+        ratio = round(output.scale.factor / profile.setpoint_scale.factor, 6)
+        return str(profile.maker), commands.register, commands.setpoint_register, start, output.notation, ratio
+
+    all_profiles = [profiles.load(model) for model in included_models()]
+    plain = [
+        profile
+        for profile in all_profiles
+        if profile.family == "modbus"
+        and "output_frequency" in profile.signals
+        and profile.identity_codes is None
+        and profile.setpoint_share is None
+        and profile.setpoint_rpm is None
+    ]
+    faster = [
+        (one.model, other.model)
+        for one in plain
+        for other in plain
+        if frames(one) == frames(other)
+        and other.setpoint_scale.factor > one.setpoint_scale.factor
+        and "setpoint_step" not in one.options
+    ]
+    assert faster == []
+
+
+def test_a_powerflex_40_that_is_driven_as_its_look_alikes_exceeds_5_hz_under_none_of_them() -> None:
+    for model in ("powerflex_400", "powerflex_525"):
+        profile = profiles.load(model)
+        dialect = create_dialect(profile, 1)
+        with pytest.raises(LimitError) as refused:
+            dialect.setpoint_word(5.0)
+        assert refused.value.key == "drives.step_cap" and refused.value.params["cap_hz"] == 0.5

@@ -317,7 +317,8 @@ def _note(drive: DetectedDrive) -> str:
     models_by_step: dict[float | None, list[str]] = {}
     for model, step in drive.setpoint_steps_hz.items():
         models_by_step.setdefault(step, []).append(model)
-    if len(models_by_step) <= 1:
+    unknown = [model for model in drive.models if model not in drive.setpoint_steps_hz]
+    if len(models_by_step) + bool(unknown) <= 1:
         return output.text("scan.alike")
     steps = [
         output.text("scan.share", models=output.join(names, "items"))
@@ -325,7 +326,7 @@ def _note(drive: DetectedDrive) -> str:
         else output.text("scan.step", models=output.join(names, "items"), step=f"{hz:g}")
         for hz, names in models_by_step.items()
     ]
-    if unknown := [model for model in drive.models if model not in drive.setpoint_steps_hz]:
+    if unknown:
         steps.append(output.text("scan.step_unknown", models=output.join(unknown, "items")))
     return output.text("scan.alike_steps", steps=output.join(steps, "clauses"))
 
