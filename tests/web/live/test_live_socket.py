@@ -93,6 +93,23 @@ async def test_a_handshake_that_is_too_long_or_no_request_is_ended_at_once(plant
     assert answer[:12] in (b"HTTP/1.1 414", b"HTTP/1.1 431", b"HTTP/1.1 400", b"")
 
 
+@pytest.mark.parametrize("requests", [1, 2])
+async def test_a_handshake_behind_a_request_without_response_ends_the_connection_with_that_response(
+    plant: RunningService, requests: int
+) -> None:
+    """The snapshot came before or after the response, and the WebSocket ended 15 s later as an idle connection."""
+    host, port = plant.url.removeprefix("http://").split(":")
+    reader, writer = await asyncio.open_connection(host, int(port))
+    upgrade = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+    key = f"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nAuthorization: Bearer {token(Role.VIEWER)}\r\n"
+    first = f"GET {API_PREFIX}/session HTTP/1.1\r\nHost: {host}\r\n\r\n" * requests
+    writer.write(f"{first}GET {API_PREFIX}/live HTTP/1.1\r\nHost: {host}\r\n{upgrade}{key}\r\n".encode())
+    async with asyncio.timeout(5):
+        answer = await reader.read()
+    writer.close()
+    assert (answer.count(b"HTTP/1.1 "), answer.count(b"HTTP/1.1 101")) == (requests, 0), answer[:500]
+
+
 async def test_a_denied_handshake_is_no_error_in_the_log(
     plant: RunningService, caplog: pytest.LogCaptureFixture
 ) -> None:

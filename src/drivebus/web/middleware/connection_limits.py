@@ -97,6 +97,16 @@ class LimitedHttpProtocol(_WriteStallTimeout, HttpToolsProtocol):
         self._headers_complete = True
         super().on_headers_complete()
 
+    def handle_websocket_upgrade(self) -> None:
+        """Upgrade the connection; close it after its response where an earlier request on it has none yet.
+
+        uvicorn would write both answers in any order, and end the WebSocket as an idle HTTP connection.
+        """
+        if self.cycle is None or self.cycle.response_complete:
+            super().handle_websocket_upgrade()
+        else:
+            self.cycle.keep_alive = False
+
     def on_response_complete(self) -> None:
         super().on_response_complete()
         if self.cycle is not None and self.cycle.more_body:
