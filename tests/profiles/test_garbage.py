@@ -35,7 +35,7 @@ def judged(data: dict[str, Any]) -> str:
     try:
         given = ProfileFile.model_validate(data)
     except ValidationError as error:
-        found = diagnostics.issues_from_pydantic(error, ProfileFile)
+        found = diagnostics.issues_from_pydantic(error, ProfileFile, data)
     else:
         found = list(check.check_profile(given))
         if not found:

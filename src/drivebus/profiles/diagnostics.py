@@ -204,6 +204,7 @@ def shorten(text: str) -> str:
 _TOML_TYPES = {
     "int_type": "integer",
     "int_from_float": "integer",
+    "int_parsing_size": "small_integer",
     "float_type": "number",
     "finite_number": "number",
     "string_type": "string",
@@ -216,13 +217,26 @@ _TOML_TYPES = {
 _RANGE_OPERATORS = {"greater_than": ">", "greater_than_equal": ">=", "less_than": "<", "less_than_equal": "<="}
 
 
-def issues_from_pydantic(error: ValidationError, root: type[BaseModel]) -> list[Issue]:
-    """Return one issue per fault that pydantic reports in a file of this schema; a union counts once."""
-    issues: dict[tuple[str | int, ...], Issue] = {}
+def issues_from_pydantic(error: ValidationError, root: type[BaseModel], document: Any) -> list[Issue]:
+    """Return one issue per fault that pydantic reports in a document of this schema; a union counts once."""
+    issues: dict[KeyPath, Issue] = {}
     for fault in error.errors(include_url=False):
-        path = tuple(part for part in fault["loc"] if part not in ("[key]", "str", "int", "float", "bool"))
+        path = fault_path(fault, document)
         issues.setdefault(path, _to_issue(fault, path, root))
     return list(issues.values())
+
+
+def fault_path(fault: Mapping[str, Any], document: Any) -> KeyPath:
+    """Return where pydantic's fault is in a document: without the parts that name a type of a union, or ``[key]``."""
+    path: list[str | int] = []
+    value = document
+    for number, part in enumerate(fault["loc"], 1):
+        if (isinstance(value, Mapping) and part in value) or (isinstance(value, list) and isinstance(part, int)):
+            value = value[part]
+        elif fault["type"] != "missing" or number < len(fault["loc"]):
+            continue
+        path.append(part)
+    return tuple(path)
 
 
 def _to_issue(fault: Any, path: tuple[str | int, ...], root: type[BaseModel]) -> Issue:

@@ -104,7 +104,7 @@ def _load_profile(path: Path) -> DriveProfile:
     try:
         profile_in = ProfileFile.model_validate(merged)
     except ValidationError as error:
-        raise _located_error(sources, issues_from_pydantic(error, ProfileFile)) from None
+        raise _located_error(sources, issues_from_pydantic(error, ProfileFile, merged)) from None
     issues = list(check_profile(profile_in))
     if issues:
         raise _located_error(sources, issues)

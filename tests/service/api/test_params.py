@@ -32,6 +32,7 @@ MODELS: list[type[BaseModel]] = [
 ]
 FRAMEWORK_FAULTS = {"model_attributes_type"}
 """Fault of FastAPI for JSON that is no object."""
+NAMES_OF_PYDANTIC = {"float", "constrained-str", "[key]"}
 BAD: list[Any] = [
     None,
     True,
@@ -68,20 +69,25 @@ def faults_of(model: type[BaseModel], value: Any) -> list[Any]:
     return []
 
 
-def all_faults() -> Iterator[Any]:
-    """Yield the faults of each bad value in the place of each model and of each of its fields."""
+def all_faults() -> Iterator[tuple[Any, Any]]:
+    """Yield the faults of each bad value in the place of each model and of each of its fields, with the parameters."""
     for model in MODELS:
         for bad in BAD:
-            yield from faults_of(model, bad)
-            for name in [*model.model_fields, "no_such_field"]:
-                yield from faults_of(model, {name: bad})
+            for params in (bad, *({name: bad} for name in [*model.model_fields, "no_such_field"])):
+                for fault in faults_of(model, params):
+                    yield fault, params
+
+
+def described(operation: str, params: Any) -> list[Json]:
+    """Return the faults of the parameters of an operation as a client gets them."""
+    return pydantic_faults(faults_of(OPERATIONS[operation].params, params), params)
 
 
 FAULTS = [*all_faults()]
 
 
 def test_exactly_the_kinds_of_fault_of_the_models_have_a_sentence() -> None:
-    kinds = {fault["type"] for fault in FAULTS}
+    kinds = {fault["type"] for fault, _ in FAULTS}
     assert len(kinds) > 15
     assert kinds | FRAMEWORK_FAULTS == FAULT_MESSAGES.keys()
     for key in FAULT_MESSAGES.values():
@@ -89,8 +95,9 @@ def test_exactly_the_kinds_of_fault_of_the_models_have_a_sentence() -> None:
 
 
 def test_a_fault_has_its_path_and_a_chinese_text_without_english() -> None:
-    for message, found in zip(pydantic_faults(FAULTS), FAULTS, strict=True):
-        assert message["path"] == ".".join(map(str, found["loc"]))
+    for found, params in FAULTS:
+        (message,) = pydantic_faults([found], params)
+        assert message["path"] == ".".join(str(part) for part in found["loc"] if part not in NAMES_OF_PYDANTIC)
         chinese = message["expected"]["zh"]
         assert any("一" <= letter <= "鿿" for letter in chinese) and "{" not in chinese.replace("{0,63}", "")
         assert found["msg"] not in chinese and not {"should", "expected", "character"} & {*chinese.split()}
@@ -111,30 +118,52 @@ def test_a_fault_has_its_path_and_a_chinese_text_without_english() -> None:
     ],
 )
 def test_a_wrong_parameter_is_described_in_both_languages(params: Json, path: str, english: str, chinese: str) -> None:
-    error = params_error("drive.run", pydantic_faults(faults_of(OPERATIONS["drive.run"].params, params)))
+    error = params_error("drive.run", described("drive.run", params))
     message = error_to_json(error)
     assert message["text"] == {"en": f"{path}: {english}", "zh": f"{path}：{chinese}"}
     assert [fault["expected"] for fault in message["params"]["faults"]] == [{"en": english, "zh": chinese}]
 
 
 def test_several_wrong_parameters_are_joined_with_the_punctuation_of_the_language() -> None:
-    faults = pydantic_faults(faults_of(OPERATIONS["drive.run"].params, {"frequency_hz": 1.0, "direction": 1}))
+    faults = described("drive.run", {"frequency_hz": 1.0, "direction": 1})
     text = error_to_json(params_error("drive.run", faults))["text"]
     assert text["en"].startswith("drive: is required; direction: expected ")
     assert text["zh"].startswith("drive：必须给出；direction：应为")
 
 
+@pytest.mark.parametrize(
+    ("values", "path", "english", "chinese"),
+    [
+        ({"F1": [1]}, "values.F1", "expected a number, or expected text", "应为数值，或应为文本"),
+        (
+            {"F1": "ten"},
+            "values.F1",
+            "expected a number, or expected text that fits ^[0-9][0-9A-FXHa-fxh]*$",
+            "应为数值，或应为符合 ^[0-9][0-9A-FXHa-fxh]*$ 的文本",
+        ),
+        ({"": 1}, "values.", "expected at least 1 characters", "应至少 1 个字符"),
+        ({"float": []}, "values.float", "expected a number, or expected text", "应为数值，或应为文本"),
+    ],
+)
+def test_a_value_that_may_have_two_types_has_one_sentence_without_words_of_pydantic(
+    values: Json, path: str, english: str, chinese: str
+) -> None:
+    """It was two faults, of ``values.F1.float`` and ``values.F1.constrained-str``."""
+    (fault,) = described("parameters.write", {"drive": "fan-1", "values": values})
+    assert (fault["path"], fault["expected"]) == (path, {"en": english, "zh": chinese})
+
+
 def test_a_fault_has_the_exact_bound_and_the_index_in_a_list() -> None:
-    bounds = pydantic_faults(faults_of(OPERATIONS["history.trend"].params, {"from_ms": 10**15}))
+    bounds = described("history.trend", {"from_ms": 10**15})
     assert {"en": "expected 253402300799999 or less", "zh": "应不大于 253402300799999"} in [
         fault["expected"] for fault in bounds
     ]
-    entries = pydantic_faults(faults_of(OPERATIONS["history.trend"].params, {"tags": ["a", 1]}))
+    entries = described("history.trend", {"tags": ["a", 1]})
     assert entries[0]["path"] == "tags.1" and entries[0]["found"] == "1"
 
 
 def test_an_unknown_kind_of_fault_has_a_sentence() -> None:
-    message = pydantic_faults([{"type": "of_tomorrow", "loc": ("x",), "msg": "Input should", "input": 1}])
+    message = pydantic_faults([{"type": "of_tomorrow", "loc": ("x",), "msg": "Input should", "input": 1}], {"x": 1})
     assert message == [param_fault("x", "1", "other")] and message[0]["expected"]["zh"] != message[0]["expected"]["en"]
 
 

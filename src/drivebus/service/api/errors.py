@@ -11,6 +11,7 @@ from drivebus.drives.outcome import FrameExchange, Outcome
 from drivebus.drives.permissives import CommandKind
 from drivebus.drives.state import Direction, DriveState
 from drivebus.errors import DrivebusError, InvalidParameters, ServiceError, SystemReason
+from drivebus.profiles.diagnostics import fault_path
 from drivebus.service.auth.rights import Right
 from drivebus.types import Json
 from drivebus.values import Text
@@ -141,9 +142,16 @@ def param_fault(path: str, found: Any, key: str, **params: Any) -> Json:
     return {"path": path, "found": str(found)[:200], "expected": localized(f"params.{key}", params)}
 
 
-def pydantic_faults(faults: Iterable[Mapping[str, Any]]) -> list[Json]:
-    """Return the faults that pydantic found."""
-    return [_translate(fault, ".".join(map(str, fault["loc"]))) for fault in faults]
+def pydantic_faults(faults: Iterable[Mapping[str, Any]], params: Any) -> list[Json]:
+    """Return the faults that pydantic found in ``params``: one a value, which names each of its types."""
+    by_path: dict[str, Json] = {}
+    for fault in faults:
+        found = _translate(fault, ".".join(map(str, fault_path(fault, params))))
+        earlier = by_path.setdefault(found["path"], found)
+        if earlier is not found:
+            sentences = {"first": Text(**earlier["expected"]), "other": Text(**found["expected"])}
+            earlier["expected"] = localized("params.either", sentences)
+    return list(by_path.values())
 
 
 def _translate(fault: Mapping[str, Any], path: str) -> Json:

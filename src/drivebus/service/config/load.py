@@ -130,7 +130,7 @@ def _validate(raw: Mapping[str, Any]) -> tuple[PlantFile | None, list[Issue]]:
         try:
             return schema.model_validate(rest), faults
         except ValidationError as error:
-            issues = [_name_gateways(one) for one in issues_from_pydantic(error, schema)]
+            issues = [_name_gateways(one) for one in issues_from_pydantic(error, schema, rest)]
         faults += [one for one in issues if not _is_consequence(one, faults)]
         for one in issues:
             if one.path in (("plant",), ("plant", "id")):

@@ -86,7 +86,7 @@ def read_answers(path: str) -> PlantAnswers:
     except TomlFault as fault:
         raise config_error([to_diagnostic(fault.issue, path, fault.line, CATALOGUE)]) from None
     except ValidationError as error:
-        faults = issues_from_pydantic(error, _PlantAnswersIn)
+        faults = issues_from_pydantic(error, _PlantAnswersIn, data)
         raise config_error([to_diagnostic(one, path, line_of(text, one.path), CATALOGUE) for one in faults]) from None
     return PlantAnswers(answers.title, tuple(_bus_answer(one) for one in answers.bus))
 

@@ -214,7 +214,7 @@ class Operation:
             return self.params.model_validate({name: params[name] for name in (*(fields & params.keys()), *unknown)})
         except ValidationError as error:
             faults = error.errors(include_url=False)[:MAX_FAULTS]
-            raise params_error(self.name, pydantic_faults(faults)) from error
+            raise params_error(self.name, pydantic_faults(faults, params)) from error
 
     def all_param_schemas(self) -> Json:
         """Return the JSON schemas of the parameters, by name, without references. They must not be changed."""
