@@ -144,7 +144,39 @@ def test_a_stop_in_an_unknown_language_is_sent_in_the_preferred_one(
     monkeypatch.setenv(LANGUAGE_VARIABLE, "zh")
     result = CliRunner().invoke(cli, [*words, *(() if "--lang" in words else ("--lang", "fr"))])
     assert (result.exit_code, "确认" in result.stdout) == (0, True), result.output
-    assert result.stderr.splitlines()[-1] == "语言未知：--lang：收到 fr，应为：en、zh 之一"
+    assert result.stderr.splitlines()[-1] == "语言不明：--lang：收到 fr，应为：en、zh 之一"
+
+
+@pytest.mark.parametrize(
+    ("options", "note"),
+    [
+        ("--lang fr --lang en", "Language unclear: --lang: given more than once (fr, en)"),
+        ("--lang en --lang zh", "语言不明：--lang：重复给出（en、zh）"),
+        ("--lang", "Language unclear: --lang needs a value"),
+        ("--lang --json", "Language unclear: --lang needs a value"),
+        ("--lang=", "Language unclear: --lang: found"),
+        ("--json --json", ""),
+        ("--json=yes", "Ignored: --json takes no value"),
+        ("--record a.dbcap --record b.dbcap", "Not recorded: --record: given more than once (a.dbcap, b.dbcap)"),
+        ("--record", "Not recorded: --record needs a value"),
+        ("--record --json", "Not recorded: --record needs a value"),
+        ("--record --lang --json=1", "Not recorded: --record needs a value"),
+        ("--record no-folder/a.dbcap", "Not recorded: no-folder/a.dbcap"),
+        ("--record a.txt", "Not recorded: --record: found a.txt"),
+    ],
+)
+@pytest.mark.parametrize("words", [("stop", *C320), ("stop", "--all", *C320)], ids=("one drive", "all drives"))
+def test_no_option_of_the_output_prevents_a_stop(
+    words: tuple[str, ...], options: str, note: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A repeated ``--lang`` or ``--record``, or one without a value, left the motor running."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv(LANGUAGE_VARIABLE, "en")
+    result = CliRunner().invoke(cli, [*words, *options.split()])
+    assert result.exit_code == 0, result.output
+    assert any(word in result.stdout for word in ("onfirm", "确认"))
+    assert note in result.stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("words", [("reset", *C320, "--lang", "fr"), ("--lang", "fr", "reset", *C320)])

@@ -76,7 +76,10 @@ class Option(_FileCompletion, click.Option):
             problem = output.text(
                 key, values=output.join(given, "items"), example=f"{max(self.opts, key=len)} {','.join(given)}"
             )
-            raise click.BadParameter(problem, ctx, self)
+            error = click.BadParameter(problem, ctx, self)
+            if not self._leaves_out(ctx, error):
+                raise error
+            given = [None]
         return super().consume_value(ctx, {**opts, str(self.name): given[0]})
 
     def type_cast_value(self, ctx: click.Context, value: Any) -> Any:
@@ -84,10 +87,34 @@ class Option(_FileCompletion, click.Option):
         try:
             return super().type_cast_value(ctx, value)
         except click.BadParameter as error:
-            if not (self.unused and getattr(ctx.command, "stops", False)):
+            if not self._leaves_out(ctx, error):
                 raise
-            ctx.meta.setdefault(_UNUSED_VALUES, {})[self.unused] = error
             return None
+
+    def _leaves_out(self, ctx: click.Context, error: click.UsageError) -> bool:
+        """Return whether an invalid value is left out, with a note after the stop, because it prevents none."""
+        if not (self.unused and getattr(ctx.command, "stops", False)):
+            return False
+        ctx.meta.setdefault(_UNUSED_VALUES, {})[self.unused] = error
+        return True
+
+    def without_faulty_value(self, ctx: click.Context, words: Sequence[str]) -> list[str]:
+        """Return the words of a command without this option where its value is missing, or without a flag's value.
+
+        Only where that prevents no stop; click would refuse the command before it converts any value.
+        """
+        own = list(words[: words.index("--")] if "--" in words else words)
+        options = {name for param in ctx.command.params if isinstance(param, click.Option) for name in param.opts}
+        for index, word in enumerate(own):
+            name, separator, _ = word.partition("=")
+            if name not in self.opts:
+                continue
+            if self.is_flag and separator and self._leaves_out(ctx, click.BadOptionUsage(name, errors.FLAG_WITH_VALUE)):
+                own[index] = name
+            is_last = not separator and (index + 1 == len(own) or own[index + 1].partition("=")[0] in options)
+            if not self.is_flag and is_last and self._leaves_out(ctx, click.BadOptionUsage(name, "")):
+                return self.without_faulty_value(ctx, [*own[:index], *own[index + 1 :], *words[len(own) :]])
+        return [*own, *words[len(own) :]]
 
     def help_text(self) -> str:
         """Return the explanation and the example."""
@@ -182,6 +209,9 @@ class CliCommand(_LocalizedHelp, click.Command):
         if not self.stops and not ctx.resilient_parsing:
             for error in ctx.meta.get(_UNUSED_VALUES, {}).values():  # an option before the name of the command
                 raise error
+        for param in self.params:
+            if isinstance(param, Option) and param.unused:
+                args = param.without_faulty_value(ctx, args)
         try:
             return super().parse_args(ctx, args)
         except click.NoSuchOption as error:
@@ -332,9 +362,9 @@ def common_options() -> list[click.Parameter]:
             type=Choice(["en", "zh"]),
             expose_value=False,
             example="--lang zh",
-            unused="cli.unknown_language",
+            unused="cli.unclear_language",
         ),
-        Option(["--json"], is_flag=True, expose_value=False),
+        Option(["--json"], is_flag=True, expose_value=False, unused="cli.unused_value"),
     ]
 
 

@@ -35,7 +35,7 @@ _PORT_ARGUMENTS = {"port", "source", "target"}
 """Names of the arguments that a port may be given as."""
 _EXTRA_ARGUMENTS = re.compile(r"Got unexpected extra arguments? \((.*)\)", re.DOTALL)
 """Message of click for arguments beyond those of a command; it has no class or attribute of its own."""
-_FLAG_WITH_VALUE = "does not take a value."
+FLAG_WITH_VALUE = "does not take a value."
 """End of the message of click for a flag with a value; its class is that of an option without one."""
 _UNIT_WORDS = {"hz", "赫兹", "赫", "s", "秒", "bps"}
 """Units that stand as a word of their own behind a number."""
@@ -212,7 +212,7 @@ def usage_text(error: click.ClickException) -> str:
     if isinstance(error, click.BadParameter):
         return output.text("cli.bad_value", name=_parameter_name(error), problem=error.message)
     if isinstance(error, click.BadOptionUsage):
-        is_flag = error.message.endswith(_FLAG_WITH_VALUE)
+        is_flag = error.message.endswith(FLAG_WITH_VALUE)
         return output.text("cli.takes_no_value" if is_flag else "cli.needs_value", name=error.option_name)
     if error.message == _MISSING_COMMAND:
         return output.text("cli.missing", name="COMMAND")
