@@ -43,11 +43,15 @@ _HALF_WIDTH = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {
     ord(full): half for full, half in zip("\u3000。、“”‘’【】—–−", " .,\"\"''[]---", strict=True)
 }
 """The signs of a Chinese input method, and their ASCII character where a command or a file needs that."""
+_CHINESE_RANGE = re.compile(r"(?<=\d)～(?=\d)")
 
 
 def half_width(text: str) -> str:
-    """Return a text with ASCII characters in place of the full-width ones that a Chinese input method types."""
-    return text.translate(_HALF_WIDTH)
+    """Return a text with ASCII characters in place of the full-width ones that a Chinese input method types.
+
+    A Chinese range, ``1～8``, becomes ``1-8``.
+    """
+    return _CHINESE_RANGE.sub("-", text).translate(_HALF_WIDTH)
 
 
 def parse_hex_word(text: str) -> int | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,10 +13,12 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from drivebus import i18n
 from drivebus.cli import connect, output
 from drivebus.cli.commands import calibrate
 from drivebus.cli.connect import Target
 from drivebus.cli.errors import ExitCode
+from drivebus.drives.operations.setpoint_step_calibration import STEPS
 from drivebus.errors import ConfigurationError, LimitError, StopUnconfirmed
 from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
 from drivebus.testing import virtual_time
@@ -181,6 +184,14 @@ def test_a_calibrated_model_has_no_step_left(
     assert "Nothing is left to calibrate on this vc660" in capsys.readouterr().out
 
 
+def test_each_key_of_the_keypad_question_is_the_first_digit_of_its_frequency() -> None:
+    """The keys were 1 and 2: a user who typed the 5 of the keypad was answered that nothing was seen."""
+    for language, form in (("en", "[Kk]ey {}: ([0-9.]+) Hz"), ("zh", "按 {}：([0-9.]+) Hz")):
+        question = i18n.text("calibrate.ask_keypad_hz", language)
+        shown = [re.search(form.format(key), question) for key in STEPS[0].observations]
+        assert [match and match[1] for match in shown] == ["0.5", "5"]
+
+
 @pytest.mark.parametrize(("simulated", "keypad_hz"), [("c320", 0.5), ("e300", 5.0)])
 def test_the_keypad_shows_in_which_step_a_c320_counts(
     monkeypatch: pytest.MonkeyPatch, simulated: str, keypad_hz: float
@@ -195,7 +206,7 @@ def test_the_keypad_shows_in_which_step_a_c320_counts(
 
     def answer() -> str:
         assert max(seen) == keypad_hz and not station().motor.energised, "asked at standstill"
-        return "1" if keypad_hz == 0.5 else "2"
+        return f"{keypad_hz:g}"[0]  # the number is typed as the keypad shows it, and its first digit answers
 
     fake = FakeKeys("y", answer)
     assert run_calibrate(monkeypatch, "c320", fake, before=watch, simulated=simulated) is ExitCode.DONE

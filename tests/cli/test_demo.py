@@ -6,15 +6,16 @@ import asyncio
 import os
 import re
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from drivebus import profiles
 from drivebus.cli.demo import host
 from drivebus.cli.demo.layout import BUSES
-from drivebus.cli.demo.plant import MemoryDemoPlant
+from drivebus.cli.demo.plant import MemoryDemoPlant, PtyDemoPlant
 from drivebus.cli.demo.plant_toml import FAULT_PROFILE, fault_profile_toml, plant_toml
 from drivebus.cli.demo.script import END_S, OPENING, PAGE_CONTINUATION, TERMINAL_CONTINUATION, ScriptPlayer, caption
 from drivebus.cli.demo.terminal import DemoClient
@@ -71,6 +72,22 @@ def test_the_end_of_the_demo_says_that_no_drive_is_left_running(
     code = asyncio.run(host._run_until_signal(8080))
     assert code is (ExitCode.INTERRUPTED if interrupted else ExitCode.DONE)
     assert "its simulated drives with it" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("run", [lambda: host._run_with_page(Path(), 8080), lambda: host.serve_terminal(memory=False)])
+async def test_a_demo_that_is_interrupted_while_its_drives_start_waits_for_their_end(
+    monkeypatch: pytest.MonkeyPatch, run: Callable[[], Coroutine[Any, Any, None]]
+) -> None:
+    """Their folder was removed under them, and a traceback followed the last sentence."""
+    plant = PtyDemoPlant()
+    monkeypatch.setattr(host, "create_demo_plant", lambda: plant)
+    demo = asyncio.create_task(run())
+    await until(lambda: plant._child is not None)
+    child = plant._child
+    assert child is not None
+    demo.cancel()
+    await asyncio.gather(demo, return_exceptions=True)
+    assert child.returncode is not None
 
 
 def test_the_trip_of_the_demo_has_a_cause_and_a_remedy(tmp_path: Path) -> None:

@@ -172,6 +172,17 @@ def test_jog_turns_only_while_a_key_is_held_and_stops_when_it_is_released(plant:
     assert plant.state() == "stopped"
 
 
+@pytest.mark.parametrize(("key", "end"), [("F", "Q"), ("ｒ", "ｑ")])
+def test_jog_takes_its_keys_with_caps_lock_and_in_full_width(plant: Plant, key: str, end: str) -> None:
+    with PtyTerminal("jog", plant.url, *DRIVE) as terminal:
+        terminal.wait_for("Hold the space bar")
+        terminal.wait_for("Acknowledged", meanwhile=lambda: terminal.press(key))
+        terminal.wait_for("Confirmed")
+        terminal.press(end)
+        assert terminal.exit_code() == 0
+    assert plant.state() == "stopped"
+
+
 def test_jog_names_what_the_drive_does_on_a_communication_loss_before_the_first_key(plant: Plant) -> None:
     """The dead-man timer is in the program: behind a lost adapter nothing but the drive itself ends the jog."""
     with PtyTerminal("jog", plant.url, *DRIVE) as terminal:

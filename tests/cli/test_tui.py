@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
+import signal
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -569,6 +571,44 @@ def test_monitor_lists_look_alikes_before_it_goes_on_with_the_first(
     for sentence in (assumed, output.text("monitor.assumed")):
         assert (json.dumps({"event": sentence}) if as_json else sentence) in result.stdout
     assert ('"model_assumed": true' if as_json else "  c320? 1 ") in result.stdout
+
+
+def test_monitor_that_is_interrupted_while_it_searches_prints_what_it_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search of 49 minutes began without a word of its duration, and Ctrl-C discarded its drives."""
+    drive = scan.DetectedDrive(
+        models=("vc660",),
+        setpoint_steps_hz={},
+        family="modbus",
+        encoding="rtu",
+        address=7,
+        settings=SerialSettings.parse(9600, "8N1"),
+        exchange=(b"", b""),
+    )
+
+    async def find(passes: Any, open_port: Any, progress: scan.ScanProgress, *rest: Any, **options: Any) -> None:
+        progress.found.append(drive)
+        os.kill(os.getpid(), signal.SIGINT)
+        await asyncio.sleep(60.0)
+
+    monkeypatch.setattr(scan, "scan", find)
+    monkeypatch.setattr(monitor, "LISTEN_S", 0.0)
+    result = CliRunner().invoke(cli, ["monitor", "sim://vc660@7", "--lang", "en"])
+    noted = " ".join(result.stderr.split())
+    assert result.exit_code == 130, result.output
+    assert i18n.text("monitor.search") in noted and "all of them at most" in noted
+    assert "Interrupted: this was found so far. ADDRESS MODEL ENCODING SERIAL NOTE 7 vc660 rtu 9600 8N1" in noted
+
+
+def test_monitor_does_not_blame_silent_drives_beside_another_master(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing was sent, and yet the message was that no drive answered."""
+
+    async def foreign(*_: object) -> scan.SniffResult:
+        return scan.SniffResult(count=8, seconds=2.0, line_errors=0, first=b"\x01\x03")
+
+    monkeypatch.setattr(scan, "sniff", foreign)
+    result = CliRunner().invoke(cli, ["monitor", "sim://vc660@7", "--lang", "en"])
+    assert (result.exit_code, "another master is active" in " ".join(result.stderr.split())) == (1, True)
+    assert "No drive answered" not in result.output
 
 
 def test_monitor_plays_a_capture_file_to_its_end(tmp_path: Path) -> None:

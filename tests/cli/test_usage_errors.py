@@ -364,6 +364,7 @@ FULL_WIDTH = [
     ("write sim://c320@1 F0.1=２ --model c320 --address 1", "F0.1=２ → F0.1=2"),
     ("run sim://c320@1 --model c320 --address 1 --frequency ２．５", "２．５ → 2.5"),
     ("stop --all sim://c320@1 --model c320 --address 1，2", "1，2 → 1,2"),
+    ("scan sim://c320@1 --models c320 --addresses 1～8", "1～8 → 1-8"),
 ]
 
 
@@ -732,6 +733,12 @@ SLIPS = [
     ("status tcp:10.0.0.5:4001 --model c320 --address 1", "; try tcp://10.0.0.5:4001", "；试试 tcp://10.0.0.5:4001"),
     ("serve", "`drivebus init` writes the file of a plant.", "`drivebus init` 生成工厂配置文件。"),
     ("jog {drive} 5", "as an option: --frequency 25", "作为选项给出：--frequency 25"),
+    ("doctor", "Did you mean ports, check, acceptance?", "是否想用 ports、check、acceptance？"),
+    ("describe c320", "Did you mean decode, models?", "是否想用 decode、models？"),
+    ("trace sim://c320@1", "Did you mean monitor, capture?", "是否想用 monitor、capture？"),
+    ("run {drive} --speed 10", "Did you mean --frequency?", "是否想用 --frequency？"),
+    ("run {drive} --frequency 10 --direction back", "Did you mean --reverse?", "是否想用 --reverse？"),
+    ("status sim://c320@1 --model c320 --slave 1", "Did you mean --address?", "是否想用 --address？"),
     ("stop --all --model c320 --address 1", "which bus or plant? Give a PORT", "哪条总线或哪个工厂？请给出 PORT"),
 ]
 

@@ -222,6 +222,10 @@ class CliCommand(_LocalizedHelp, click.Command):
                     raise click.UsageError(output.text("cli.no_negative_frequency"), ctx) from None
                 alike = [name for param in self.params for name in param.opts if name == f"-{word}"]
                 raise click.NoSuchOption(word, possibilities=alike, ctx=ctx) from None
+            known = {name for param in self.params for name in param.opts}
+            meant = [name for name in _OPTION_SYNONYMS.get(error.option_name, ()) if name in known]
+            if meant:
+                error.possibilities = meant  # type: ignore[misc]  # its constructor keeps only similar words
             raise
         except click.BadOptionUsage as error:
             error.ctx = error.ctx or ctx  # the parser of click leaves it out
@@ -243,18 +247,40 @@ class CliCommand(_LocalizedHelp, click.Command):
 
 
 _SYNONYMS = {
+    "describe": ("decode", "models"),
+    "doctor": ("ports", "check", "acceptance"),
     "emergency-stop": ("stop",),
     "estop": ("stop",),
+    "explain": ("decode",),
     "find": ("scan",),
     "frequency": ("set-frequency",),
+    "get": ("read",),
     "halt": ("stop",),
+    "identify": ("scan",),
+    "info": ("status", "models"),
     "list": ("models", "ports"),
+    "listen": ("monitor",),
     "search": ("scan", "models"),
+    "show": ("status",),
+    "sniff": ("monitor",),
     "speed": ("set-frequency",),
     "start": ("run",),
+    "trace": ("monitor", "capture"),
     "version": ("--version",),
 }
 """Words for a command that other programs use, with what is meant here."""
+
+_OPTION_SYNONYMS = {
+    "--baudrate": ("--baud", "--bauds"),
+    "--direction": ("--reverse",),
+    "--hz": ("--frequency",),
+    "--parity": ("--format", "--formats"),
+    "--slave": ("--address", "--addresses"),
+    "--speed": ("--frequency",),
+    "--station": ("--address", "--addresses"),
+    "--unit": ("--address", "--addresses"),
+}
+"""Options that other programs have, with those of the same meaning here."""
 
 
 class LazyGroup(_LocalizedHelp, click.Group):

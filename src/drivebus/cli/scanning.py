@@ -150,6 +150,7 @@ async def search(
         if sniffed.count:
             output.print_note("scan.foreign", count=sniffed.count, seconds=f"{sniffed.seconds:g}")
             return None
+    announce_scan(passes)
     progress = progress or scan.ScanProgress(total_s=0.0)
     progress.total_s = sum(scan_pass.duration_s for scan_pass in passes)
     with ScanProgressBar() as bar:
@@ -199,10 +200,10 @@ def _assumed_text(addresses: str, models: tuple[str, ...], *, fits_partly: bool)
     return output.text("scan.assumed", address=addresses, model=models[0], others=output.join(models[1:], "items"))
 
 
-def note_look_alikes(drives: list[DetectedDrive]) -> None:
-    """Print the table of a scan on standard error for the drives whose model the bus can't tell."""
-    if doubtful := [drive for drive in drives if drive.doubtful]:
-        click.echo(_scan_table(doubtful, sys.stderr), err=True)
+def note_drives(drives: list[DetectedDrive]) -> None:
+    """Print the table of a scan on standard error; nothing without a drive."""
+    if drives:
+        click.echo(_scan_table(drives, sys.stderr), err=True)
 
 
 # --- output -------------------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from drivebus.cli.click_ext import CliCommand
 from drivebus.cli.connect import Target
 from drivebus.cli.drive_command import must_stop_after, pop_target, print_outcome
 from drivebus.cli.errors import ExitCode
+from drivebus.values import half_width
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus
@@ -83,7 +84,7 @@ async def _run_step(session: CalibrationSession, step: CalibrationStep) -> ExitC
 
     async def observe() -> Any:
         assert step.observation_question is not None
-        return step.observations.get((await session.key(step.observation_question) or "").lower())
+        return step.observations.get(half_width(await session.key(step.observation_question) or "").lower())
 
     if not await session.confirmed(step.question, **step.question_params):
         return ExitCode.INTERRUPTED

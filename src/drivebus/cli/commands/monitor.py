@@ -13,7 +13,8 @@ from drivebus.cli.errors import ExitCode
 from drivebus.cli.scanning import (
     ScanRequest,
     assumed_models_texts,
-    note_look_alikes,
+    fitting_drives,
+    note_drives,
     print_scan_plan,
     search,
     select_alike,
@@ -121,13 +122,12 @@ def _monitor_bus(chosen: MonitorOptions) -> ExitCode:
         profile = profiles.load(chosen.model)
         stations = [(profile, chosen.encoding, address) for address in chosen.addresses]
     else:
-        detected = asyncio.run(search(chosen.scan_request(), LISTEN_S)) or []
-        if not detected:
-            output.print_message("scan.nothing")
-            return ExitCode.FAILED
+        detected, code = asyncio.run(_find_drives(chosen.scan_request()))
+        if code is not ExitCode.DONE:
+            return code
         alike = select_alike(detected, _report_left_out)
         if chosen.model is None:
-            note_look_alikes(alike)
+            note_drives([drive for drive in alike if drive.doubtful])
             assumed = [drive.address for drive in alike if drive.doubtful]
             notes = [*assumed_models_texts(alike), output.text("monitor.assumed")] if assumed else []
         stations = [(profiles.load(chosen.model or drive.models[0]), drive.encoding, drive.address) for drive in alike]
@@ -136,6 +136,24 @@ def _monitor_bus(chosen: MonitorOptions) -> ExitCode:
     title = output.text("monitor.title", port=chosen.source, serial=port.settings, count=len(stations))
     with record_port(port, chosen.record) as recorded:
         return chosen.run_view(BusRowSource(recorded, stations, title, notes, assumed))
+
+
+async def _find_drives(request: ScanRequest) -> tuple[list[DetectedDrive], ExitCode]:
+    """Scan the port; return its drives, and DONE if it has any. Prints what was found before an interruption."""
+    from drivebus.cli.signals import shutdown_signals
+    from drivebus.commissioning.scan import ScanProgress
+
+    output.print_note("monitor.search")
+    progress = ScanProgress(total_s=0.0)
+    with shutdown_signals() as shutdown:
+        detected = await shutdown.interruptible(search(request, LISTEN_S, progress))
+    if shutdown.received:
+        output.print_note("scan.aborted")
+        note_drives(fitting_drives(progress))
+        return [], ExitCode.INTERRUPTED
+    if detected == []:  # None: nothing was sent, and the reason is printed
+        output.print_message("scan.nothing")
+    return detected or [], ExitCode.DONE if detected else ExitCode.FAILED
 
 
 def _report_left_out(drive: DetectedDrive) -> None:

@@ -103,8 +103,8 @@ def _directory() -> Iterator[Path]:
 
 async def _run_with_page(directory: Path, port: int) -> None:
     plant = create_demo_plant()
-    await plant.start()
     try:
+        await plant.start()
         password = draw_password()
         notice = localized("demo.login_notice", {"user": USER, "password": password})
         config = _write_config(plant, directory, free_port(port), notice)
@@ -286,9 +286,9 @@ async def serve_terminal(*, memory: bool) -> None:
     ``{"finished": true}`` at its end. A line on standard input ends the script; its end ends the demo.
     """
     plant = MemoryDemoPlant() if memory else create_demo_plant()
-    await plant.start()
     tasks: list[asyncio.Task[None]] = []
     try:
+        await plant.start()
         with _directory() as directory:
             config = _write_config(plant, directory, 8080)
             _write_waivers(config)

@@ -50,7 +50,7 @@ STEPS = (
         question="calibrate.ask_step",
         question_params={"cap_hz": UNCALIBRATED_CAP_HZ, "seconds": CALIBRATION_RUN_S},
         observation_question="calibrate.ask_keypad_hz",
-        observations={"1": "0.01", "2": "0.1"},  # word 50 shows 0.5 Hz or 5 Hz
+        observations={"0": "0.01", "5": "0.1"},  # word 50 shows 0.5 Hz or 5 Hz: the first digit that is typed
         options_observed=lambda step: {SETPOINT_STEP: step},
     ),
 )
