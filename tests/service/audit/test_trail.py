@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 import re
+import time
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -23,6 +24,7 @@ from drivebus.service.audit.verify import verify
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.storage import append_log, batch_writer
 from drivebus.service.storage.storage import Storage
+from drivebus.types import Json
 from drivebus.values import Text
 from fixtures.audit import LI, counting_clock, new_trail, problem_kinds, sample_entry, verify_report, written_trail
 from fixtures.running_service import real_service
@@ -603,6 +605,44 @@ def test_an_unreadable_trail_cannot_be_verified(tmp_path: Path) -> None:
     with pytest.raises(AuditUnavailable) as rejected:
         asyncio.run(trail.verify())
     assert "Is a directory" in str(rejected.value)
+
+
+def test_many_verifications_run_one_after_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sixty requests of one user were sixty processes, and a stop was sent half a minute late."""
+    trail, noted = written_trail(tmp_path), tmp_path / "noted"
+    script = f"echo begins >> {noted}; sleep 0.05; echo ends >> {noted}; echo '{{}}'"
+    monkeypatch.setattr("drivebus.service.audit.trail.module_command", lambda *_: ["sh", "-c", script])
+
+    async def go() -> None:
+        abandoned, *others = [asyncio.create_task(trail.verify()) for _ in range(6)]
+        await asyncio.sleep(0)
+        abandoned.cancel()
+        assert await asyncio.gather(*others) == [{}] * 5
+
+    asyncio.run(go())
+    assert noted.read_text().split()[-10:] == ["begins", "ends"] * 5
+
+
+def test_many_queries_are_read_one_after_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two dozen queries of a long trail delayed the buses, and a change of limits by 27 s."""
+    noted: list[str] = []
+
+    def slow_query(*_: object, **params: object) -> Json:
+        noted.append("begins")
+        time.sleep(0.02)
+        noted.append("ends")
+        return {}
+
+    monkeypatch.setattr("drivebus.service.audit.trail.query_records", slow_query)
+
+    async def go() -> None:
+        trail = new_trail(tmp_path)
+        await trail.open()
+        await asyncio.gather(*(trail.query(from_ms=0, to_ms=1) for _ in range(5)))
+        await trail.close()
+
+    asyncio.run(go())
+    assert noted == ["begins", "ends"] * 5
 
 
 def test_a_removed_trail_is_continued_and_the_gap_is_detected(tmp_path: Path) -> None:

@@ -61,6 +61,10 @@ class AuditTrail:
         self.head_error: OSError | None = None
         """Error of the last write of the head; it does not prevent starts."""
         self._logged_ms: int | None = None
+        self._reading = asyncio.Lock()
+        """Held while a thread reads records for a query."""
+        self._verifying = asyncio.Lock()
+        """Held while a process verifies the files: many at once would delay the buses."""
 
     @classmethod
     def of(cls, config: PlantConfig) -> AuditTrail:
@@ -104,16 +108,22 @@ class AuditTrail:
         self, *, from_ms: int, to_ms: int, drive: str | None = None, cursor: str | None = None, limit: int = 100
     ) -> Json:
         """Return ``{"items", "next"}``, newest first. Raises InvalidParameters for an unknown cursor, OSError."""
-        # On a thread other than the writer's, so that reading never delays a record.
-        return await asyncio.to_thread(
-            query_records, self.paths, from_ms=from_ms, to_ms=to_ms, drive=drive, cursor=cursor, limit=limit
-        )
+        # On a thread other than the writer's, so that reading never delays a record; on one at a time, because several
+        # would delay the buses and occupy the threads that store settings.
+        async with self._reading:
+            return await asyncio.to_thread(
+                query_records, self.paths, from_ms=from_ms, to_ms=to_ms, drive=drive, cursor=cursor, limit=limit
+            )
 
     async def verify(self) -> Json:
         """Verify the files now and return the report. Raises AuditUnavailable if they cannot be read.
 
-        A separate process reads them, so that a long trail delays no bus.
+        A separate process reads them, one at a time, so that a long trail and many requests delay no bus.
         """
+        async with self._verifying:
+            return await self._verify_in_process()
+
+    async def _verify_in_process(self) -> Json:
         paths = (self.paths.folder, self.paths.checkpoints, self.paths.key, self.paths.head)
         command = module_command("drivebus.service.audit", *map(str, paths))
         # In the process group of the service, Ctrl-Z in its terminal would suspend the child: no report would come.
