@@ -37,7 +37,7 @@ from drivebus.service.auth.actor import SERVICE_NAME
 from drivebus.service.auth.rights import Role
 from drivebus.service.control import comm_loss_test
 from fixtures.child_process import ENVIRONMENT, lines_until, running_command
-from fixtures.running_service import RunningService, http_service, token
+from fixtures.running_service import RunningService, all_states_known, http_service, token
 from fixtures.service import remote_actor
 
 FAN = ("--drive", "fan-1")
@@ -49,12 +49,6 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
         found.run_in_loop(lambda: found.kit.grant_waivers())
         found.run_in_loop(lambda: all_states_known(found))
         yield found
-
-
-async def all_states_known(plant: RunningService) -> None:
-    """Wait until the state of every drive is known."""
-    while any(one["state"] == "unknown" for one in (await plant.kit.call("drives.list"))["drives"]):  # noqa: ASYNC110
-        await asyncio.sleep(0.05)
 
 
 @pytest.fixture(params=["http", "socket"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import cache
@@ -22,6 +23,7 @@ from drivebus.web.errors import install_error_handlers
 from drivebus.web.gateway import WebConfig
 from drivebus.web.live import endpoint as live
 from drivebus.web.live.endpoint import LiveEndpoint
+from drivebus.web.loop_pauses import LoopPauses
 from drivebus.web.middleware.auth import AuthMiddleware
 from drivebus.web.middleware.head import HeadMiddleware
 from drivebus.web.middleware.host_check import HostCheck
@@ -66,10 +68,13 @@ def make_app(client: ServiceClient, auth: AuthService, web: WebConfig) -> FastAP
     """Return the app of the page and the API."""
     denials = DenialLog(client, auth.clock)
     end_watch = SessionEndWatch(client)
+    pauses = LoopPauses()
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        measuring = asyncio.create_task(pauses.run(), name="loop pauses")
         yield
+        measuring.cancel()
         await end_watch.close()
         await denials.close()
 
@@ -94,7 +99,12 @@ def make_app(client: ServiceClient, auth: AuthService, web: WebConfig) -> FastAP
         ],
     )
     app.state.context = WebContext(
-        auth=auth, client=client, denials=denials, health=ServiceHealth(client), login_notice=web.login_notice
+        auth=auth,
+        client=client,
+        denials=denials,
+        health=ServiceHealth(client),
+        pauses=pauses,
+        login_notice=web.login_notice,
     )
     app.state.live = LiveEndpoint(client)
     install_error_handlers(app)

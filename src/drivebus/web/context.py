@@ -18,6 +18,7 @@ from drivebus.service.auth.service import AuthService
 from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.types import Json
 from drivebus.values import Text
+from drivebus.web.loop_pauses import LoopPauses
 from drivebus.web.service_health import ServiceHealth
 
 T = TypeVar("T")
@@ -25,12 +26,13 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WebContext:
-    """Users and sessions, the service behind the web process, and the log of denied requests."""
+    """Users and sessions, the service behind this process, the log of denied requests, and pauses of this process."""
 
     auth: AuthService
     client: ServiceClient
     denials: DenialLog
     health: ServiceHealth
+    pauses: LoopPauses
     login_notice: Text | None = None
 
     async def record_change(

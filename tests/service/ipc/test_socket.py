@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import stat
+import time
 from collections.abc import AsyncIterator, Callable, Coroutine
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import pytest
 from drivebus.drives.permissives import CommandKind
 from drivebus.drives.state import Direction, DriveState
 from drivebus.errors import (
+    Expired,
     InvalidParameters,
     LimitError,
     NotFound,
@@ -25,6 +27,7 @@ from drivebus.service.api.errors import error_from_json, error_to_json
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Role
 from drivebus.service.ipc import client as client_module
+from drivebus.service.ipc import server as server_module
 from drivebus.service.ipc.client import MAX_UNREAD_LIVE_BYTES, SocketClient
 from drivebus.service.ipc.protocol import STOP_RECEIVED
 from drivebus.service.ipc.server import MAX_CONCURRENT_REQUESTS, SocketServer, StopServer, _ClientConnection
@@ -384,6 +387,33 @@ def test_a_request_to_a_service_that_hangs_ends_and_a_long_one_does_not(
             assert caught.value.key == "plant.hangs"
         await client.close()
         hanging.close()
+
+    real(scenario())
+
+
+def test_a_motion_that_waited_for_a_suspended_service_is_not_done_and_a_stop_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The motor must not start seconds after its user was told that the service does not answer."""
+    monkeypatch.setattr(server_module, "MAX_MOTION_WAIT_S", 0.2, raising=False)
+
+    async def scenario() -> None:
+        service = ScriptedService()
+        server, client = SocketServer(service, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
+        await server.open()
+        await client.call("plant.get", {}, LOCAL)
+        operations = ("drive.run", "drive.jog", "drive.set_frequency", "group.start", "drive.stop", "lease.renew")
+        calls = [asyncio.create_task(client.call(name, {}, LOCAL)) for name in operations]
+        await asyncio.sleep(0)  # each is written
+        time.sleep(0.3)  # noqa: ASYNC251  the process of the service is suspended
+        *motions, stop, renewal = await asyncio.gather(*calls, return_exceptions=True)
+        assert [type(one) for one in motions] == [Expired] * 4
+        assert {one.key for one in motions if isinstance(one, Expired)} == {"plant.waited_too_long"}
+        assert not isinstance(stop, Exception) and not isinstance(renewal, Exception)
+        assert [name for name, _, _ in service.calls] == ["plant.get", "drive.stop", "lease.renew"]
+        assert (await client.call("drive.set_frequency", {}, LOCAL))["operation"] == "drive.set_frequency"
+        await client.close()
+        await server.close()
 
     real(scenario())
 

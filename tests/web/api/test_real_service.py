@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from http.client import HTTPConnection
 from pathlib import Path
 
@@ -18,7 +20,7 @@ from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import ROLE_RIGHTS, Role
 from drivebus.service.ipc.client import SocketClient
 from drivebus.types import Json
-from fixtures.running_service import RunningService, http_service, token
+from fixtures.running_service import RunningService, all_states_known, http_service, token
 from fixtures.service import WIDEST_LIMITS
 from fixtures.web_app import WebAppHarness
 
@@ -156,6 +158,37 @@ def test_a_command_beyond_a_limit_is_rejected_with_the_same_text_over_every_inte
     rejected = response(plant, Role.ENGINEER, operation, params)
     assert rejected.json() == by_socket(plant, actor, operation, params)
     assert rejected.status_code == (404 if params["drive"] == "no-such-drive" else 422)
+
+
+def test_a_start_that_waited_for_a_suspended_page_is_not_done_and_a_stop_is(plant: RunningService) -> None:
+    """Its client may have given up meanwhile, and the motor would start seconds after the click."""
+    fan: Json = {"drive": "fan-1"}
+    rest(plant, Role.ENGINEER, "lease.take", fan)
+    plant.run_in_loop(lambda: all_states_known(plant))
+    arm_token = rest(plant, Role.ENGINEER, "drive.arm", fan)["arm_token"]
+    start = fan | {"frequency_hz": 5.0, "arm_token": arm_token}
+
+    async def suspend() -> None:
+        suspended.set()
+        time.sleep(2.6)  # noqa: ASYNC251  as SIGSTOP would
+
+    suspended = threading.Event()
+    with ThreadPoolExecutor(3) as pool:
+        suspension = pool.submit(plant.run_in_loop, suspend)
+        assert suspended.wait(10.0)
+        late_start = pool.submit(response, plant, Role.ENGINEER, "drive.run", start)
+        late_stop = pool.submit(response, plant, Role.ENGINEER, "drive.stop", {"drive": "fan-2"})
+        suspension.result()
+    error = late_start.result().json()["error"]
+    assert (late_start.result().status_code, error["code"]) == (409, "plant.waited_too_long")
+    assert error["may_be_running"] is False
+    assert late_stop.result().json()["outcome"]["status"] == "confirmed"
+    time.sleep(1.2)
+    rest(plant, Role.ENGINEER, "lease.renew", fan)
+    assert (
+        rest(plant, Role.ENGINEER, "drive.run", start)["outcome"]["status"] == "confirmed"
+    )  # its token is not used up
+    rest(plant, Role.ENGINEER, "drive.stop", fan)
 
 
 def test_a_recorded_start_cannot_be_replayed(plant: RunningService) -> None:

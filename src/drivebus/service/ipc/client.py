@@ -85,7 +85,10 @@ class SocketClient:
 
         Cancelled, it ends a cancellable operation; any other is done.
         """
-        return await self._request({"op": operation, "params": params, "actor": actor.as_json()})
+        called_at = asyncio.get_running_loop().time()
+        return await self._request(
+            {"op": operation, "params": params, "actor": actor.as_json(), "called_at": called_at}
+        )
 
     async def record(self, entry: Json, actor: Actor) -> None:
         """See ``ServiceClient.record``."""

@@ -13,16 +13,28 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from drivebus.atomic_write import PRIVATE_FOLDER_MODE
-from drivebus.errors import ConfigurationError
+from drivebus.errors import ConfigurationError, Expired
 
 MAX_SOCKET_PATH_BYTES = 100
 MAX_MESSAGE_BYTES = 4 * 1024 * 1024
 """Bytes of one message."""
+MAX_MOTION_WAIT_S = 2.0
+"""A command that moves a motor is not done where it waited longer for a process that was suspended or overloaded.
+
+Shorter than a client waits, so that no motor starts after its user was answered that the service hangs.
+"""
 SERVICE_SOCKET, STOP_SOCKET = "plant.sock", "stop.sock"
 RUNTIME_FOLDERS = ("/run/user/{uid}", "/run/drivebus", "/tmp")
 """Places of the sockets of a service that cannot write its state directory. The systemd unit creates the second one."""
 STOP_REQUEST, STOP_RECEIVED = b"stop all\n", b"received\n"
 """Only request of ``stop.sock``, and its immediate answer, which shows that the service does not hang."""
+
+
+def late_motion_error(waited_s: float) -> Expired:
+    """Return the error of a command that waited longer than ``MAX_MOTION_WAIT_S``: nothing was sent."""
+    error = Expired("plant.waited_too_long", waited_s=round(waited_s, 1), limit_s=MAX_MOTION_WAIT_S)
+    error.may_be_running = False
+    return error
 
 
 def socket_path(directory: Path, name: str) -> Path:

@@ -22,7 +22,14 @@ from drivebus.service.api.operations import OPERATIONS
 from drivebus.service.api.operations.plant import PLANT_STOP
 from drivebus.service.api.strict_json import parse_json
 from drivebus.service.auth.actor import Actor, local_actor
-from drivebus.service.ipc.protocol import MAX_MESSAGE_BYTES, STOP_RECEIVED, STOP_REQUEST, short_socket_path
+from drivebus.service.ipc.protocol import (
+    MAX_MESSAGE_BYTES,
+    MAX_MOTION_WAIT_S,
+    STOP_RECEIVED,
+    STOP_REQUEST,
+    late_motion_error,
+    short_socket_path,
+)
 from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.service.runtime.fairness import COMPACT_ENCODER, encode_json_cooperatively, yield_to_loop
 from drivebus.types import Json
@@ -126,6 +133,11 @@ class _ClientConnection:
         operation = str(message["op"])
         if len(self._request_tasks) >= MAX_CONCURRENT_REQUESTS and not _is_stop(operation):
             return _too_busy()
+        declared = OPERATIONS.get(operation)
+        if declared is not None and declared.moves_motors and "called_at" in message:
+            waited_s = asyncio.get_running_loop().time() - float(message["called_at"])
+            if waited_s > MAX_MOTION_WAIT_S:
+                return _refuse_late_motion(waited_s)
         return self._call(operation, message.get("params") or {}, actor)
 
     async def _call(self, operation: str, params: Json, actor: Actor) -> Json:
@@ -177,6 +189,10 @@ async def _without_result(work: Awaitable[None]) -> Json:
 
 async def _too_busy() -> Json:
     raise ServiceUnavailable("plant.too_busy")
+
+
+async def _refuse_late_motion(waited_s: float) -> Json:
+    raise late_motion_error(waited_s)
 
 
 class StopServer:

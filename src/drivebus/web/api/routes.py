@@ -12,11 +12,12 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 
 from drivebus.service.api.operations import Operation
 from drivebus.service.auth.actor import Actor
+from drivebus.service.ipc.protocol import MAX_MOTION_WAIT_S, late_motion_error
 from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.types import Json
 from drivebus.web.api.openapi import operation_options
 from drivebus.web.api.params import request_params
-from drivebus.web.context import actor_of, client_of
+from drivebus.web.context import actor_of, client_of, context_of
 from drivebus.web.route import AccessRouter, Route
 
 NO_STORE = {"Cache-Control": "no-store"}  # a cache must not present a past state as the present one
@@ -53,7 +54,9 @@ def _answer(operation: Operation, handler: GatewayHandler) -> Callable[[Request]
 
 def _forward(operation: Operation) -> Callable[[Request], Awaitable[Response]]:
     async def handle(request: Request) -> Response:
-        """Forward the result of the service as it is."""
+        """Forward the result of the service as it is. Raises Expired for a motion that may have waited too long."""
+        if operation.moves_motors and (pause_s := context_of(request).pauses.recent_pause_s()) > MAX_MOTION_WAIT_S:
+            raise late_motion_error(pause_s)
         params = request_params(operation, request)
         operation.validate(params)  # as the service does again: a rejected request never occupies its process
         call = client_of(request).call_json(operation.name, params, actor_of(request))
