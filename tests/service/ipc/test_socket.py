@@ -394,7 +394,7 @@ def test_a_request_to_a_service_that_hangs_ends_and_a_long_one_does_not(
 def test_a_motion_that_waited_for_a_suspended_service_is_not_done_and_a_stop_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The motor must not start seconds after its user was told that the service does not answer."""
+    """A motor must not start seconds after the answer that the service hangs."""
     monkeypatch.setattr(server_module, "MAX_MOTION_WAIT_S", 0.2, raising=False)
 
     async def scenario() -> None:
