@@ -268,6 +268,19 @@ def test_on_a_phone_the_mark_of_an_alarm_covers_neither_state_nor_direction(visi
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
+def test_on_a_phone_on_its_side_one_row_of_filters_stands_above_the_drives(visit: Any, language: str) -> None:
+    """Regression: three rows of them left no room for a single value of a drive."""
+    page = visit("#/fleet", language=language, size=(844, 390))
+    page.locator(".tile").first.wait_for()
+    tops = page.locator(".fleettools .choice button, .morepicks").evaluate_all(
+        "all => all.map((one) => one.getBoundingClientRect().top)"
+    )
+    assert max(tops) - min(tops) < 3
+    below = "one => document.querySelector('.stopbar').getBoundingClientRect().top - one.getBoundingClientRect().bottom"
+    assert page.locator(".tile .value").first.evaluate(below) > 0
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
 def test_at_twice_its_size_a_small_screen_begins_with_the_drives(visit: Any, language: str) -> None:
     """Regression: five filters filled the screen of 1440 x 900 at 200 %."""
     page = visit("#/fleet", language=language, size=(720, 450))

@@ -125,3 +125,29 @@ def test_a_printed_fleet_names_its_filters_in_place_of_their_fields(stage: Stage
     expect(filtered.get_by_role("status")).to_have_text(i18n.text("page.filtered", language, n=1, total=5, by=by))
     expect(filtered.get_by_role("status")).to_be_visible()
     expect(filtered.locator(".button")).to_be_hidden()
+
+
+BLANK_OR_CLOSED = """() => [...document.querySelectorAll("main :is(div, p, section, details, summary)")]
+.filter((one) => {
+  const box = one.getBoundingClientRect();
+  if (one.closest(".trend-plot") || box.height === 0) return false;
+  if (one.matches("summary")) return getComputedStyle(one).listStyleType !== "none";
+  if (one.matches(".values details")) return box.height < 2 * one.firstElementChild.getBoundingClientRect().height;
+  const drawn = one.innerText.trim() || one.querySelector("canvas, svg");
+  return !drawn || (one.matches(".fault-place") && box.height > 1.5 * one.querySelector("h2").offsetHeight + 40);
+}).map((one) => one.outerHTML.slice(0, 80))"""
+"""Script: parts of a printed page that have no content, or content that can't be opened on paper."""
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_printed_drive_has_no_blank_place_and_nothing_to_open(stage: Stage, visit: Any, language: str) -> None:
+    """Regression: the places of buttons were blank, and some values stood behind a triangle to press."""
+    trip(stage, "pump-2")
+    page = visit("#/drive/pump-2", language=language)
+    page.locator(".active-fault").wait_for()
+    page.locator(".trend-plot canvas").wait_for()
+    page.emulate_media(media="print")
+    assert page.evaluate(BLANK_OR_CLOSED) == []
+    page.evaluate("location.hash = '#/audit'")
+    page.locator(".entry summary").first.wait_for()
+    assert page.evaluate(BLANK_OR_CLOSED) == []

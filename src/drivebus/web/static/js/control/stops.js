@@ -114,8 +114,8 @@ async function sendUntilAnswered(entryId, target, body, replacement) {
       if (!isTransient(error) || nowMs() > until || replacement.aborted) return failed(error, target);
       change(entryId, { phase: "trying" });
       await new Promise((resolve) => { setTimeout(resolve, RETRY_PAUSE_MS); });
-      // Another server process may need another CSRF token.
-      await loadSession().catch(() => null);
+      // Another server process may need another CSRF token. Where it answers, the next request waits for the motors.
+      if (await loadSession().then(() => true, () => false)) change(entryId, { phase: "sending" });
     }
   }
 }
