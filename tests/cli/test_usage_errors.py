@@ -169,6 +169,12 @@ def test_a_file_that_does_not_exist_is_not_called_found(
     assert "no such file: a " in output and "found" not in output, output
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_audit_trail_of_a_plant_that_has_not_run_names_the_command_that_runs_it(plant: Path, language: str) -> None:
+    result = run_words(["audit", "verify", str(plant)], language)
+    assert (result.exit_code, "`drivebus serve`" in result.output) == (2, True), result.output
+
+
 @pytest.mark.parametrize("command", ["scan", "monitor"])
 def test_a_port_that_is_none_is_refused_before_a_line_says_that_it_is_listened_to(command: str) -> None:
     output = run_words([command, "http://127.0.0.1:8080"], "en").output

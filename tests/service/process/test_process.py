@@ -450,7 +450,9 @@ def test_the_setup_secret_is_announced_in_the_language_of_the_command(tmp_path: 
     try:
         assert process.stderr is not None
         announced = next(line for line in process.stderr if "http://127.0.0.1" in line)
-        assert "输入此设置密钥" in announced
+        assert announced.endswith("输入此设置密钥：\n")
+        secret = (tmp_path / "state" / "setup-secret").read_text(encoding="utf-8").strip()
+        assert process.stderr.readline() == f"{secret}\n", "a narrow terminal would break it"
     finally:
         process.terminate()
         process.communicate(timeout=30)
