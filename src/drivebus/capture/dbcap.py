@@ -17,6 +17,7 @@ from typing import Any, Literal
 
 from drivebus.errors import ConfigurationError, SystemReason
 from drivebus.serial_settings import SerialSettings
+from drivebus.terminal import without_control_codes
 from drivebus.types import Json
 
 RECORD_KINDS = ("rx", "tx", "event")
@@ -172,9 +173,9 @@ def _parse_header(file: str, value: Json) -> CaptureHeader:
         raise CaptureError("capture.version", file=file, line=1, found=version, expected=VERSION)
     return CaptureHeader(
         settings=_parse_settings(file, value),
-        port=str(value.get("port", "")),
-        started=str(value.get("started", "")),
-        writer=str(value.get("writer", "")),
+        port=without_control_codes(str(value.get("port", ""))),
+        started=without_control_codes(str(value.get("started", ""))),
+        writer=without_control_codes(str(value.get("writer", ""))),
     )
 
 

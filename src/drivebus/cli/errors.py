@@ -27,6 +27,7 @@ from drivebus.errors import (
     SystemReason,
     TerminatorError,
 )
+from drivebus.terminal import without_control_codes
 from drivebus.values import half_width
 
 _TEXT_CHARACTER = re.compile(r"[\s一-鿿]")
@@ -261,8 +262,8 @@ def _parameter_name(error: click.BadParameter) -> str:
 
 
 def _print_error_line(sentence: str) -> None:
-    text = output.wrap_for(f"drivebus: {sentence}", sys.stderr)
-    output.echo(click.style(text, fg="red") if supports_colour(sys.stderr) else text, err=True)
+    text = without_control_codes(output.wrap_for(f"drivebus: {sentence}", sys.stderr), keep="\n\t")
+    output.echo(click.style(text, fg="red") if supports_colour(sys.stderr) else text, err=True, controls=True)
 
 
 def _print_notes(error: BaseException) -> None:

@@ -18,7 +18,7 @@ import click
 from drivebus import i18n
 from drivebus.cli.background_output import background_stream
 from drivebus.errors import SystemReason
-from drivebus.terminal import discard_output
+from drivebus.terminal import CONTROL_CODES, discard_output, without_control_codes
 
 _UNLIMITED_CELLS = 10_000  # width of an output that is no terminal
 _MAX_PAGE_CELLS = 98  # lines of text are no longer, however wide the terminal is
@@ -102,8 +102,14 @@ def continue_without_output() -> Iterator[None]:
         _continues.reset(before)
 
 
-def echo(ready: str, *, err: bool = False, nl: bool = True) -> None:
-    """Print a text as it is, on standard output or ``err``. Raises OSError, but not in ``continue_without_output``."""
+def echo(ready: str, *, err: bool = False, nl: bool = True, controls: bool = False) -> None:
+    """Print a text on standard output or ``err``. Raises OSError, but not in ``continue_without_output``.
+
+    Control codes but tabs and line breaks come from a file, a device or a service and are replaced, except in a text
+    that ``controls`` the terminal by its own.
+    """
+    if not controls:
+        ready = without_control_codes(ready, keep="\n\t")
     stream = sys.stderr if err else sys.stdout
     try:
         if (background := background_stream(stream)) is not None:
@@ -150,7 +156,13 @@ def end_live_line() -> None:
 def print_json(value: Any, *, stream: bool = False) -> None:
     """Print a JSON document with ``--json``; ``stream`` puts it on one line."""
     if as_json():
-        echo(json.dumps(value, ensure_ascii=False, indent=None if stream else 2, default=to_json_value))
+        document = json.dumps(value, ensure_ascii=False, indent=None if stream else 2, default=to_json_value)
+        echo(CONTROL_CODES.sub(_json_escape, document))
+
+
+def _json_escape(found: re.Match[str]) -> str:
+    """Return a control code as JSON has it within a string; the line breaks between members stay."""
+    return "\n" if found[0] == "\n" else f"\\u{ord(found[0]):04x}"
 
 
 def to_json_value(value: Any) -> Any:

@@ -203,7 +203,7 @@ def _assumed_text(addresses: str, models: tuple[str, ...], *, fits_partly: bool)
 def note_drives(drives: list[DetectedDrive]) -> None:
     """Print the table of a scan on standard error; nothing without a drive."""
     if drives:
-        click.echo(_scan_table(drives, sys.stderr), err=True)
+        output.echo(_scan_table(drives, sys.stderr), err=True)
 
 
 # --- output -------------------------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drivebus.ports import latency_timer, serialx_adapter
+from drivebus.terminal import without_control_codes
 
 PROC = Path("/proc")
 BY_ID = Path("/dev/serial/by-id")
@@ -105,7 +106,8 @@ def _usb_identity(device: serialx_adapter.Device) -> str:
 
 def _description(device: serialx_adapter.Device) -> str:
     words = [device.manufacturer, device.product, device.interface_description]
-    return " ".join(dict.fromkeys(word.strip() for word in words if word)) or Path(device.resolved_device).name
+    text = " ".join(dict.fromkeys(word.strip() for word in words if word))
+    return without_control_codes(text) or Path(device.resolved_device).name
 
 
 def _udev_links(folder: Path) -> dict[str, str]:
@@ -148,7 +150,8 @@ def lock_holder(device: str) -> DeviceUser | None:
 def process_name(pid: int) -> str:
     """Return the name of a process, empty where it has ended."""
     try:
-        return (PROC / str(pid) / "comm").read_text(encoding="utf-8", errors="replace").strip()
+        name = (PROC / str(pid) / "comm").read_text(encoding="utf-8", errors="replace").removesuffix("\n")
+        return without_control_codes(name).strip()
     except OSError:
         return ""
 

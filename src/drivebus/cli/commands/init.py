@@ -275,7 +275,7 @@ def _ask(name: str, default: str | None = None, check: Callable[[str], object] |
                 check(answer)
             return answer
         except DrivebusError as error:
-            click.echo(error_text(error), err=True)
+            output.echo(error_text(error), err=True)
         except ValueError:
             output.print_note("cli.found_expected", found=answer, expected=output.text(f"cli.expect.{name}"))
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import sys
 
-import click
-
 from drivebus.cli import output
 from drivebus.cli.output import pad
 from drivebus.cli.signals import ShutdownSignal
@@ -51,9 +49,9 @@ def _print_all_rows(source: RowSource) -> None:
         output.print_json(document, stream=True)
         return
     for row in drives:
-        click.echo(drive_text(row, now))
+        output.echo(drive_text(row, now))
     for bus in buses:
-        click.echo(bus_text(bus))
+        output.echo(bus_text(bus))
 
 
 def drive_text(row: DriveRow, now: float) -> str:
