@@ -18,7 +18,7 @@ BIN = Path(sys.executable).parent
     [["ruff", "check"], ["ruff", "format", "--check"], ["mypy"], ["lint-imports", "--no-cache"]],
     ids=["lint", "format", "types", "layers"],
 )
-def test_the_house_rules_hold(command: list[str]) -> None:
+def test_formatting_lint_types_and_import_contracts_hold(command: list[str]) -> None:
     done = subprocess.run([BIN / command[0], *command[1:]], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
 

@@ -16,7 +16,7 @@ def test_addresses_are_numbers_and_ranges_each_once(text: str, addresses: tuple[
 
 
 @pytest.mark.parametrize("text", ["", "3-1", "1-", "x", "1_0", "٣", "+1", "248", "1-99999999999", "1,,2"])
-def test_another_notation_is_rejected(text: str) -> None:
+def test_an_address_list_in_another_notation_is_rejected(text: str) -> None:
     """Trap: ``int`` takes digits of other scripts and underlines, and a long range fills the memory."""
     with pytest.raises(ValueError):
         parse_addresses(text)

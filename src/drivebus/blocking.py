@@ -395,5 +395,5 @@ def stop_bus(bus: Bus, stopped: Sequence[Drive]) -> drives.StopReport:
 
 
 def stop_all_addresses(bus: Bus, looked_for: Sequence[Drive]) -> drives.StopReport:
-    """Stop each of these drives that is there; see ``drivebus.stop_all_addresses``."""
+    """Stop a bus whose addresses are not known; see ``drivebus.stop_all_addresses``."""
     return bus.run(drives.stop_all_addresses(bus.bus, [drive.drive for drive in looked_for]))

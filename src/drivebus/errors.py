@@ -157,7 +157,7 @@ class ProtocolError(DrivebusError):
 
 
 class LengthError(ProtocolError):
-    """Too long, too short, or an impossible byte count."""
+    """The frame is too long or too short, or its byte count is impossible."""
 
 
 class HeaderError(ProtocolError):
@@ -177,7 +177,7 @@ class AlphabetError(ProtocolError):
 
 
 class CodeError(ProtocolError):
-    """Undocumented response code, state, function or other enumerated value."""
+    """A response code, state, function or other enumerated value is not documented."""
 
 
 class ChecksumError(ProtocolError):
@@ -273,7 +273,7 @@ class CapabilityError(DriveError):
 
 
 class LimitError(DriveError):
-    """Outside the drive's limits; nothing was sent."""
+    """The value is outside the drive's limits; nothing was sent."""
 
 
 class ConfirmationRequired(DriveError):
@@ -296,7 +296,7 @@ class TargetNotReached(DriveError):
 
 
 class OutcomeUnknown(DriveError):
-    """Sent, and it is not known whether it was done."""
+    """The command was sent, and it is not known whether it was executed."""
 
 
 class StopUnconfirmed(DriveError):

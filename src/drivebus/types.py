@@ -30,12 +30,12 @@ class Receiver(Protocol):
     """Receiver of a port's events. Called from the event loop, never from within ``write`` or ``open``."""
 
     def data_received(self, data: bytes, line_errors: int = 0) -> None:
-        """Bytes came; ``line_errors`` of them had a parity or framing error, or were a break.
+        """Receive bytes, of which ``line_errors`` had a parity or framing error, or were a break.
 
         An RFC 2217 server reports bad bytes apart from the data: then ``data`` may be empty.
         """
         ...
 
     def port_lost(self, error: PortLost) -> None:
-        """The open port is gone. Called exactly once per ``open``, never after ``close``."""
+        """Handle the loss of the open port. Called exactly once per ``open``, never after ``close``."""
         ...

@@ -48,7 +48,7 @@ def test_a_poll_that_is_made_due_is_sent_once_at_once_and_a_period_after_that() 
     assert [at for at, _ in script.sent] == pytest.approx([0.5, 1.0, 10.0, 61.0, 70.0])
 
 
-def test_phases_are_spread() -> None:
+def test_the_polls_of_several_stations_are_not_sent_in_one_burst() -> None:
     stations = [FakeStation(address=address) for address in range(1, 11)]
     script = make_script(*stations)
     for station in stations:

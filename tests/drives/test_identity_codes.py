@@ -74,7 +74,7 @@ def test_the_code_is_read_by_the_identity_read_alone() -> None:
 
 
 @pytest.mark.parametrize("model", GOODRIVES)
-def test_a_drive_identifies_itself(model: str) -> None:
+def test_a_goodrive_is_identified_by_its_code(model: str) -> None:
     async def scenario() -> None:
         async with Bus(open_port(f"sim://{model}@3?line_quality=clean")) as bus:
             assert model in (await Drive(bus, model, 3).identify()).models

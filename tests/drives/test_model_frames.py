@@ -167,7 +167,7 @@ def test_a_write_of_command_and_frequency_at_once_counts_as_motion(line: dict[st
 
 
 @pytest.mark.parametrize("line", LINES, ids=lambda one: one["id"])
-def test_each_line_is_whole(line: dict[str, Any]) -> None:
+def test_each_worked_frame_names_its_model_its_source_and_whether_it_was_printed(line: dict[str, Any]) -> None:
     assert set(line) <= {"id", "model", "request", "reply", "meaning", "printed", "source"}
     assert line["id"].startswith(line["model"]) and [one["id"] for one in LINES].count(line["id"]) == 1
     assert line["source"].startswith(("manual", "sister manual", "program", "recorded", "gist"))

@@ -181,7 +181,7 @@ def test_the_stop_is_sent_again_whatever_becomes_of_the_unlock(silent: bool) -> 
     run(scenario())
 
 
-def test_a_reset_unlocks_first() -> None:
+def test_a_reset_is_preceded_by_the_unlock_of_its_model() -> None:
     profile = with_commands(reset=FixedWrite(70, 1))
     profile = replace(profile, capabilities=profile.capabilities | {"reset_fault"})
 

@@ -42,7 +42,7 @@ EffectOf = Callable[[bytes], Effect]
 
 @each_family
 @given(data=st.data())
-def test_requests_are_restored(
+def test_a_whole_request_decodes_to_what_was_encoded_and_a_part_of_it_is_incomplete(
     codec: Codec, requests: st.SearchStrategy[Any], effect_of: EffectOf, data: st.DataObject
 ) -> None:
     sent = data.draw(requests)

@@ -38,7 +38,7 @@ from drivebus.testing.virtual_time import run
 CODEC = MitsubishiCodec()
 
 
-def test_the_printed_sum_checks() -> None:
+def test_the_reply_printed_in_the_fr_f500_manual_has_the_computed_sum() -> None:
     """FR-F500 manual, page 114: the reply 1770H of station 1; the request's sum is that of its printed characters."""
     printed = bytes.fromhex("02 30 31 31 37 37 30 03 33 30")
     request = MitsubishiRequest(1, fr.OUTPUT_FREQUENCY)

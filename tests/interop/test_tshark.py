@@ -392,7 +392,7 @@ def test_times_are_right_to_the_microsecond(line: TsharkComparison) -> None:
     ]
 
 
-def test_directions_are_right(line: TsharkComparison) -> None:
+def test_tshark_shows_requests_as_sent_and_replies_as_received(line: TsharkComparison) -> None:
     """Both the direction of the packet and the ports by which the dissector distinguishes query and response."""
     ways = [(int(row["frame.packet_flags_direction"], 0), row["udp.srcport"], row["udp.dstport"]) for row in line.rows]
     assert ways == [(2, "50500", "50502") if one.request is None else (1, "50502", "50500") for one in line.frames]

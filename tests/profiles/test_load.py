@@ -133,7 +133,7 @@ def test_a_c320_monitor_table_can_be_extended(tmp_path: Path) -> None:
     assert profiles.load(write(tmp_path, text)).signals["torque"].locator == ("monitor", 9)
 
 
-def test_an_option_is_overridden(tmp_path: Path) -> None:
+def test_a_profile_that_extends_another_replaces_the_values_of_its_options(tmp_path: Path) -> None:
     options = '[options]\ndirection_field.value = "b2b3"\ndirection_calibrated.value = true\n'
     text = f'format = 1\nextends = "df800"\n{options}'
     profile = profiles.load(write(tmp_path, text))

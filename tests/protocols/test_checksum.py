@@ -30,7 +30,7 @@ def test_lrc_makes_the_sum_zero() -> None:
     assert (sum(data) + checksum.lrc(data)) & 0xFF == 0
 
 
-def test_sum16_has_sixteen_bits() -> None:
+def test_sum16_wraps_at_65536() -> None:
     assert checksum.sum16(b"\xff" * 1000) == 255_000 - 3 * 65536
 
 

@@ -43,7 +43,7 @@ def test_the_worked_ascii_frames_come_back_as_printed(frame: str) -> None:
 
 
 @pytest.mark.parametrize("encoding", ["rtu", "ascii"])
-def test_it_runs_and_stops(encoding: str) -> None:
+def test_a_simulated_df800_runs_up_to_its_frequency_and_ramps_down_at_a_stop(encoding: str) -> None:
     async def scenario() -> None:
         codec = ASCII if encoding == "ascii" else None
         async with SimulatorClient(f"sim://df800@1?encoding={encoding}", codec) as client:

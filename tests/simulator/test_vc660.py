@@ -319,7 +319,7 @@ def test_pause_holds_the_drive_at_0_hz_and_release_goes_on() -> None:
     run_virtual(scenario())
 
 
-def test_ramps_can_be_held() -> None:
+def test_a_ramp_hold_keeps_the_output_frequency_of_a_simulated_vc660() -> None:
     async def scenario() -> None:
         async with SimulatorClient("sim://vc660@1") as client:
             await client.request(write(0x2001, 3000), 0.0)

@@ -32,7 +32,7 @@ def test_timers_run_in_order_each_at_its_own_time() -> None:
     assert run(main()) == [("early", 0.1), ("late", 0.3)]
 
 
-def test_a_timeout_is_exact() -> None:
+def test_a_timeout_ends_at_its_exact_virtual_time() -> None:
     async def main() -> float:
         with pytest.raises(TimeoutError):
             async with asyncio.timeout(2.5):

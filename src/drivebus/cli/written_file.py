@@ -43,7 +43,7 @@ def write_file(file: str | Path, content: bytes, *, replace: bool) -> None:
 
 
 def write_or_print(file: str, text: str, *, replace: bool) -> None:
-    """Write a text as ``write_file`` does; where that fails, print it: a scan or answers of many minutes are in it."""
+    """Write a text as ``write_file`` does; print it where that fails, because it may hold the result of a long scan."""
     try:
         write_file(file, text.encode(), replace=replace)
     except OSError:

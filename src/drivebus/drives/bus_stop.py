@@ -20,8 +20,8 @@ from drivebus.errors import DrivebusError, PortError, StopUnconfirmed
 
 BROADCAST_COUNT = 2  # a broadcast has no reply, and one may be lost
 MAX_SWEEPS = 3  # the first one, and further ones of the addresses that a lost port left out
-PORT_RETURN_POLLS = 20  # a lost port is waited for 2 s, as long as a stop without progress
-PORT_POLL_INTERVAL_S = 0.1  # pause between two of them
+PORT_RETURN_POLLS = 20  # checks whether a lost port is back: with their pauses 2 s, as long as a stop without progress
+PORT_POLL_INTERVAL_S = 0.1  # pause between two such checks
 EVIDENCE_OF_PRESENCE = {"late", "foreign", "duplicate"}  # frames of a station outside its own transaction, as counted
 
 
@@ -78,11 +78,11 @@ async def stop_bus(bus: Bus, drives: Sequence[Drive]) -> StopReport:
 async def stop_all_addresses(
     bus: Bus, drives: Sequence[Drive], on_progress: Callable[[Drive, float], None] | None = None
 ) -> StopReport:
-    """Stop each of these drives that is there: one for every address at which a drive may be.
+    """Stop a bus whose addresses are not known: ``drives`` has one for every address at which a drive may be.
 
     Each address is sent a stop at once, and the drives that reply are stopped as by ``stop_bus``; a drive whose reply
     came late is stopped too, and the addresses that a lost port left out follow once it is back within 2 s.
-    ``on_progress`` gets each drive that was sent a frame, and the share of this turn that is done, above 0 to 1.
+    ``on_progress`` gets each drive that was sent a frame, and the share of drives so far (above 0, at most 1).
     """
     lost, reports = list(drives), list[StopReport]()
     lateness_s = max((drive.dialect.station_config.timing.max_reply_lateness_s for drive in drives), default=0.0)

@@ -89,7 +89,7 @@ class JogSession:
         self._timer = asyncio.get_running_loop().call_later(left_s, self.expire)
 
     def expire(self) -> None:
-        """End the jog now, as where it is not renewed: its stop is queued."""
+        """End the jog now, as the end of its lease does: queue its stop."""
         self.expired, self._timer = True, None
         self._end()
 

@@ -104,7 +104,7 @@ class StopSupervisor:
         return task.result(), self.pending and was_suspended
 
     def _on_stop_ended(self, task: asyncio.Task[Outcome]) -> None:
-        """Retrieve the exception: a stop whose caller is gone may end with its drive's registration."""
+        """Retrieve the exception of a stop that no caller awaits: it fails where its drive is removed from the bus."""
         self._running.discard(task)
         if not task.cancelled():
             task.exception()

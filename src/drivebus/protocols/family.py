@@ -31,7 +31,7 @@ ENTRY_POINT_GROUP: Final = "drivebus.families"
 Locator = tuple[str, int]
 """Address space and index within it; the family defines both."""
 JogFrequency = Literal["drive", "command", "either"]
-"""drive: the drive's own setting; command: every jog frame carries it; either: the frame's if it has one."""
+"""Source of the jog frequency. drive: its own setting; command: every jog frame; either: the frame where it has one."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -167,7 +167,7 @@ def test_a_period_as_long_as_its_transaction_is_accepted() -> None:
         ('["fan"]', " and ".join(f"pump.state != {word}" for word in STATE_WORDS if word != "running")),
     ],
 )
-def test_interlocks_that_can_hold(drives: str, require: str) -> None:
+def test_an_interlock_that_can_be_met_is_accepted(drives: str, require: str) -> None:
     found = plant(f'[interlock.i]\ndrives = {drives}\nrequire = "{require}"\naction = "block_start"\ndelay_s = 1.5\n')
     lock = found.interlocks[0]
     assert (lock.require, lock.action, lock.delay_s, lock.title.en) == (require, "block_start", 1.5, "i")

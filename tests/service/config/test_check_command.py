@@ -102,7 +102,7 @@ def test_a_history_on_postgresql_needs_its_package_and_the_check_names_it(
     assert check(plant).exit_code == 0
 
 
-def test_met_requirements_change_nothing(plant: Path) -> None:
+def test_met_requirements_are_printed_and_leave_the_exit_code_0(plant: Path) -> None:
     result = check(plant, "--assert", "stop<250ms", "--assert", "refresh <= 63 s", "--assert", "load<100%")
     assert result.exit_code == 0
     assert result.output.count("Met: ") == 3

@@ -27,7 +27,7 @@ model = "c320"
 
 
 @pytest.mark.parametrize("path", SAMPLES, ids=lambda path: path.name)
-def test_the_sample_loads(path: Path) -> None:
+def test_a_sample_plant_loads_with_its_drives_groups_and_limits(path: Path) -> None:
     plant = config.load(path)
     assert (plant.id, plant.source) == ("boiler-house", str(path))
     assert [drive.id for drive in plant.drives] == ["fan-1", "fan-2", "pump-1"]

@@ -85,7 +85,7 @@ def test_a_value_without_scale_or_good_quality_does_not_count() -> None:
     assert (found.maximum_current_a, found.maximum_temperature_c) == (None, None)
 
 
-def test_maxima_are_kept() -> None:
+def test_a_lower_current_or_temperature_does_not_replace_the_maximum() -> None:
     found = observed(*(view(output_current=amps, temperature=2 * amps) for amps in (1.0, 7.5, 3.0)))
     assert (found.maximum_current_a, found.maximum_temperature_c) == (7.5, 15.0)
 

@@ -37,7 +37,7 @@ def test_json_encoded_in_pieces_equals_json_encoded_at_once(document: Any) -> No
     assert _encoded(encode_json_cooperatively(document)) == whole.encode()
 
 
-def test_nan_is_rejected() -> None:
+def test_a_result_with_nan_is_not_encoded_as_json() -> None:
     with pytest.raises(ValueError):
         _encoded(encode_json_cooperatively({"result": {"value": float("nan")}}))
 

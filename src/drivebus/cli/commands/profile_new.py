@@ -60,7 +60,7 @@ def _new(*, file: str, table: str | None, answers_file: str | None, force: bool)
 
 
 def _calibration(answers: dict[str, str], file: str) -> str:
-    """Return the line of the checklist for what the cap of 5 Hz waits for; empty where there is none."""
+    """Return the line of the checklist for the calibration that ends the cap of 5 Hz; empty where there is no cap."""
     if answers["setpoint_kind"] == "share":
         return output.text("profile_new.calibrate_maximum")
     return "" if answers["setpoint_step"] != "?" else output.text("profile_new.calibrate_step", file=file)

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from drivebus.drives import Drive, StopReport
     from drivebus.drives.outcome import Outcome
 
-STOP_ACCEPT_TIMEOUT_S = 3.0  # a service accepts a stop at once; only its result takes as long as a motor to stop
+STOP_ACCEPT_TIMEOUT_S = 3.0  # a service accepts a stop at once; its result takes as long as the motor
 _FLAGS_OF_ONE_DRIVE = ("--quick", "--assume-model", "--")  # left out of the command that stops several
 _NOT_OF_ADDRESSES = ("everything", "service", "drive", "group", "directory")
 _BUS_OPTIONS = ("model", "address", "baud", "format", "encoding", "option", "record")

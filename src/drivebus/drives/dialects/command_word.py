@@ -172,16 +172,16 @@ class CommandValues:
         return Effect.STOP if names and names <= STOP_BITS else Effect.SETTING
 
     def on_sent(self, word: int) -> None:
-        """Nothing is held from one word to the next."""
+        """Do nothing: no level is held from one word to the next."""
 
     def on_accepted(self, word: int) -> None:
-        """Nothing is held from one word to the next."""
+        """Do nothing: no level is held from one word to the next."""
 
     def learn_levels(self, *, reverse: bool, paused: bool) -> None:
-        """Each start names its direction."""
+        """Do nothing: each start names its direction."""
 
     def adopt_direction(self, *, reverse: bool) -> None:
-        """Each start names its direction."""
+        """Do nothing: each start names its direction."""
 
     def start(self, direction: Direction | None) -> tuple[int, ...]:
         """Return the word of a start, forward where none is given. Raises CapabilityError where the map lacks it."""

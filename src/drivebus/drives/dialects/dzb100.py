@@ -76,7 +76,7 @@ def decode_or_none(word: int, coding: str) -> float | None:
         return None
 
 
-@cache  # 4,000 words are tried, and every view of a drive has its cap
+@cache  # tries up to 4,000 words, and each status of a drive asks for its cap
 def highest_safe_word(codings: tuple[FrequencyCoding, ...]) -> int:
     """Return the largest raw word that every coding decodes as at most 5 Hz."""
     return max(word for word in range(MAX_SETPOINT_WORD + 1) if is_within_cap(word, codings))
@@ -109,7 +109,10 @@ class Dzb100Dialect(Dialect):
         return request if request != self._last_read else self._bus_sync_request(n + 1)
 
     def sync_request(self, avoid: Any = None) -> Dzb100ReadParameter:
-        """Return a read of an odd parameter; the bus uses the even ones. 40 tags outlast the longest reply lateness."""
+        """Return a read of an odd parameter; the bus uses the even ones.
+
+        About 40 of them are sent before one comes again: longer than the latest reply may take.
+        """
         self._sync_count += 1
         request = Dzb100ReadParameter(self.address, (2 * self._sync_count + 1) % (PARAMETER_COUNT - 1))
         return self.sync_request(None) if request == avoid else request

@@ -21,7 +21,7 @@ STATE_BITS = (
 )
 """In order of precedence: motion first, because a drive that still turns in a fault is turning."""
 DIRECTION_SUFFIXES = {"_forward": Direction.FORWARD, "_reverse": Direction.REVERSE}
-"""Endings of the names of values that tell a direction: running_forward."""
+"""Endings of the names of values that name a direction: running_forward."""
 
 
 def is_valid_status(status: StatusMap, raw: int) -> bool:
@@ -43,7 +43,7 @@ def status_state(status: StatusMap, raw: int) -> DriveState:
 
 
 def status_direction(status: StatusMap, raw: int) -> Direction | None:
-    """Return the direction of a valid status word, None where it tells none."""
+    """Return the direction of a valid status word, None where it names none."""
     if status.values:
         return _split_value(status, raw)[1]
     bit = status.bits.get("output_reverse") or status.bits.get("set_reverse")

@@ -112,19 +112,21 @@ class OperationContext:
         self._sync_request = sync_request or drive.dialect.sync_request
         self.age = CommandAge(requested_at, checks_started_at)
         self._earlier_withdrawal = drive.withdrawal
-        self.stop_epoch = stop_epoch  # of the request, plus the stops sent here; None: of ``create_command``
+        self.stop_epoch = (
+            stop_epoch  # stops before the request, plus those sent here; None: those before ``create_command``
+        )
         self.reading_pairs = ReadingPairs()
         self.derived: DerivedState = STATE_NOT_READ
         self.state_reports = StateReports()
-        self.stop_rejection: Rejection | None = None  # by which the drive rejected the last stop that was sent
+        self.stop_rejection: Rejection | None = None  # how the drive rejected the last stop that was sent
         self.withheld_stop: UnconfirmedModel | None = None  # why the last stop was not sent
         self.stop_awaits_model = False  # the read of the model, which goes before the first stop, has not ended yet
         self.has_sent_preparation = False  # the unlock and the words before every start were sent
         self.waits_in_quarantine = True  # False: a read that a quarantine of 5 s would delay fails
         self.lost_replies = 0  # frames without a valid reply; a retry by the bus counts as a frame of its own
         self.stops_sent = 0  # stops that were given to the port
-        self.port_error: PortLost | None = None  # by which the last transaction failed, if by the port
-        self.port_loss: PortLost | None = None  # the latest of all transactions: it supersedes a command as a stop does
+        self.port_error: PortLost | None = None  # why the last transaction failed, where the port was lost
+        self.port_loss: PortLost | None = None  # latest loss of the port: it supersedes a command as a stop does
         self.confirmed_setpoint: tuple[int, float] | None = None  # word and Hz of the last setpoint that was read back
         self.limits_checked = False  # frequency and direction are within the limits of drive and user
         self.overspeed_hz: float | None = None  # after a start from standstill: above it the drive is stopped

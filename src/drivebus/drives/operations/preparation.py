@@ -107,7 +107,7 @@ def release_reset(op: OperationContext) -> DriveOperation[None]:
 
 
 def _count_own_stops(op: OperationContext) -> DriveOperation[None]:
-    """Note which stops came before: a stop word of this operation does not supersede it, any other stop does."""
+    """Keep the number of stops so far, so that a stop word of this operation does not supersede it; other stops do."""
     if op.stop_epoch is None:
         op.stop_epoch = (yield from get_bus_conditions()).stop_epoch
 

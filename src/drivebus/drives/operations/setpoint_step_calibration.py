@@ -16,11 +16,11 @@ from drivebus.profiles.model import SETPOINT_STEP, UNDETERMINED
 def run_at_safe_word(op: OperationContext, direction: Direction | None = None) -> DriveOperation[CalibrationResult]:
     """Run for 3 s at the largest word that is at most 5 Hz under every step. Always stops."""
     word = _safe_word(op.dialect)
-    yield from run_at_word(op, word, direction, lambda: _observed_by_a_person(op))
+    yield from run_at_word(op, word, direction, lambda: _still_runs(op))
     return CalibrationResult(words=(word,))
 
 
-def _observed_by_a_person(op: OperationContext) -> DriveOperation[bool | None]:
+def _still_runs(op: OperationContext) -> DriveOperation[bool | None]:
     """Return whether the drive still runs; the frequency is read on its keypad, not on the bus."""
     error = yield from op.read_verified_state()
     return True if error is None and op.derived.state.driven else None

@@ -372,13 +372,13 @@ def _with_unread_preconditions(op: OperationContext, outcome: Outcome) -> Outcom
 
 
 def speed_tolerance_hz(op: OperationContext, frequency_hz: float) -> float:
-    """Return the tolerance of "at the set frequency"."""
+    """Return the greatest difference in Hz at which the output frequency counts as the set one."""
     step = op.dialect.profile.signals["output_frequency"].scale.factor
     return max(2.0 * step, AT_SPEED_TOLERANCE * frequency_hz)
 
 
 def ramp_timeout_s(acceleration_s: float | None, timeout_s: float | None) -> float:
-    """Return the longest time that a ramp may take."""
+    """Return the longest time that a ramp may take: ``timeout_s``, else by the ramp time ``acceleration_s``."""
     if timeout_s is not None:
         return timeout_s
     return DEFAULT_RAMP_TIMEOUT_S if acceleration_s is None else acceleration_s * RAMP_FACTOR + RAMP_SLACK_S

@@ -295,7 +295,7 @@ def reported_text(state: DriveState, output_hz: float | None) -> Text:
 
 
 def _is_stop_confirmed(op: OperationContext) -> bool:
-    """A fault or an uncharged DC bus ends a stop by itself; otherwise the dialect must confirm it too."""
+    """Return whether the stop is over: in a fault or with an uncharged DC bus, else where the dialect confirms it."""
     state = op.derived.state
     return state in (DriveState.FAULT, DriveState.NOT_READY) or op.dialect.confirms_stop(op.reading_pairs)
 
@@ -303,7 +303,7 @@ def _is_stop_confirmed(op: OperationContext) -> bool:
 def _stopped_outcome(op: OperationContext) -> Outcome:
     state = op.derived.state
     plain = state in (DriveState.STOPPED, DriveState.EMERGENCY_STOPPED)
-    if op.dialect.state_names == ("output_frequency",):  # it may be on at 0 Hz: no reply tells
+    if op.dialect.state_names == ("output_frequency",):  # no reply shows whether the output is on at 0 Hz
         return op.outcome(OutcomeStatus.CONFIRMED, "drives.stop_confirmed_by_frequency")
     key = "drives.stop_confirmed" if plain else "drives.output_off"
     return op.outcome(OutcomeStatus.CONFIRMED, key, state=state)

@@ -23,7 +23,7 @@ from drivebus.types import Json
 
 ALARM_LOG_FILE = "alarms.jsonl"
 MAX_LOGGED_ALARMS = 5_000
-"""Older ones are dropped, so that file and memory stay bounded: first what is listed no more, or by a repetition."""
+"""Alarms kept in file and memory. Beyond it the oldest are dropped: first the inactive and the repeated ones."""
 MAX_LOG_LINES = 4 * MAX_LOGGED_ALARMS
 """A file with more lines is rewritten with one line for each alarm."""
 
