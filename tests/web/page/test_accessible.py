@@ -313,6 +313,23 @@ def test_a_larger_font_of_the_browser_enlarges_every_text_and_cuts_none(
     assert page.locator(".active-fault").evaluate("one => one.scrollHeight - one.clientHeight") <= 1
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_text_of_four_times_its_size_needs_no_sideways_scrolling_and_cuts_no_stop(
+    stage: Stage, visit: Any, language: str
+) -> None:
+    """Regression: the page kept the layout of a wide screen, beyond whose right end its alarm and its buttons lay."""
+    trip(stage, "fan-3")
+    page = visit("#/fleet", language=language, size=(1280, 1000))
+    page.context.new_cdp_session(page).send("Page.setFontSizes", {"fontSizes": {"standard": 64, "fixed": 64}})
+    for way in ("fleet", "drive/fan-3", "alarms", "audit", "history", "settings"):
+        page.evaluate("(way) => { location.hash = way; }", f"#/{way}")
+        page.locator("main h1").wait_for()
+        assert page.evaluate("getComputedStyle(document.body).fontSize") == "64px"
+        assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+        for label in page.locator(".stop :is(b, .what)").all():
+            assert label.evaluate("(one) => one.scrollHeight - one.clientHeight") <= 8
+
+
 def test_the_language_and_the_theme_change_at_once_and_stay(stage: Stage, visit: Any) -> None:
     page = visit("#/fleet")
     page.click("text=中文")

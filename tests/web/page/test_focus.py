@@ -87,6 +87,23 @@ def test_the_focus_stays_in_the_row_of_an_alarm_that_is_acknowledged(stage: Stag
     assert row.evaluate("one => one.contains(document.activeElement) && one !== document.activeElement")
 
 
+def test_the_row_that_has_the_focus_is_in_view_where_its_acknowledgement_has_moved_it(stage: Stage, visit: Any) -> None:
+    """Regression: the keyboard's place in the list was below the stop bar, or beyond the end of the screen."""
+    for drive in ("fan-1", "pump-1", "pump-2", "fan-2"):
+        trip(stage, drive)
+    page = visit("#/alarms", role="operator", size=(1280, 420))
+    row = page.locator(".alarmrow").first
+    row.wait_for()
+    name = row.locator(".what a").inner_text()
+    row.locator("[data-alarm=acknowledge]").press("Enter")
+    page.locator(".alarmrow", has_text=name).locator("[data-alarm=acknowledge]").wait_for(state="detached")
+    page.wait_for_function("() => document.activeElement.matches('.alarmrow')")
+    place = page.evaluate("document.activeElement.getBoundingClientRect().toJSON()")
+    bar = page.locator(".stopbar").bounding_box()
+    assert name in page.evaluate("document.activeElement.innerText")
+    assert place["top"] >= 0 and place["bottom"] <= bar["y"]
+
+
 def test_a_check_box_keeps_its_size_beside_a_long_label(visit: Any) -> None:
     page = visit("#/settings?tab=configuration", role="administrator", size=(360, 740))
     box = page.locator(".check input").first

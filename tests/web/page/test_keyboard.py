@@ -124,6 +124,18 @@ def test_what_has_the_focus_is_not_covered_by_what_stays_in_place(visit: Any) ->
     assert end.evaluate(UNCOVERED)
 
 
+def test_the_outline_of_what_has_the_focus_is_not_cut_off_at_the_top(visit: Any) -> None:
+    """Regression: a button that the keyboard scrolled to stood at the very edge, without the upper line."""
+    page = visit("#/drive/fan-1", size=(1280, 600))
+    page.locator(".trend-plot canvas").wait_for()
+    page.locator(".stop").first.focus()
+    tops = []
+    for _ in range(30):
+        page.keyboard.press("Shift+Tab")
+        tops.append(page.evaluate("document.activeElement.getBoundingClientRect().top"))
+    assert min(tops) >= 5
+
+
 COMPOSING = "(one, key) => one.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true, isComposing: true }))"
 
 

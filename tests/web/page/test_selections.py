@@ -32,6 +32,29 @@ def test_after_a_stop_of_all_one_dialog_releases_the_chosen_drives(stage: Stage,
     assert [id for id in every if stage.view(id)["start_inhibited"]] == every[:1]
 
 
+def test_the_tab_key_passes_the_drives_of_a_dialog_in_one_step_and_enter_among_them_sends_nothing(
+    stage: Stage, visit: Any
+) -> None:
+    """Regression: 300 presses lay before its buttons, and Enter on any of the check boxes released every drive."""
+    page = visit("#/drive/pump-1")
+    page.click(".stop[data-stop=all]")
+    page.locator("[data-stop-by=all]").wait_for()
+    page.locator(".stopbar [data-select]").click()
+    boxes = page.locator("dialog input[type=checkbox]")
+    page.locator("dialog [data-do=choose-none]").focus()
+    page.keyboard.press("Tab")
+    for key in ("ArrowRight", "Space", "Enter"):
+        page.keyboard.press(key)
+    assert [box.is_checked() for box in boxes.all()] == [True, False, True, True, True]
+    page.keyboard.press("Tab")
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.dataset.do") == "selection"
+    page.keyboard.press("Shift+Tab")
+    page.keyboard.press("Shift+Tab")
+    expecting()(boxes.nth(1)).to_be_focused()
+    assert all(stage.view(drive)["start_inhibited"] for drive in stage.service.plant.drives)
+
+
 @pytest.mark.parametrize("size", [(640, 450), (740, 360)], ids=["zoomed", "phone on its side"])
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_on_a_low_screen_the_reason_of_a_waiver_is_seen_above_the_buttons(

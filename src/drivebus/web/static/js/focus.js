@@ -30,6 +30,8 @@ function restore() {
   if (!next) return;
   if (!next.hasAttribute("tabindex")) next.tabIndex = -1;
   next.focus({ preventScroll: true });
+  // A row that has moved away is followed where the keyboard is used; under a pointer the page stays where it is.
+  if (next.matches("li:focus-visible, article:focus-visible")) next.scrollIntoView({ block: "nearest" });
 }
 
 export function keepFocus() {

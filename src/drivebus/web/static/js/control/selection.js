@@ -2,6 +2,7 @@
 import { html, useState } from "../lib.js";
 import { t, titleOf } from "../i18n.js";
 import { api } from "../api.js";
+import { moveFocusAmong } from "../arrow-keys.js";
 import { isLive } from "../live.js";
 import { isInOtherWindow, isMine } from "../session.js";
 import { listDrives } from "../titles.js";
@@ -24,6 +25,23 @@ function SelectionResults({ outcomes }) {
     ${done.length + refused.length === 0 && html`<li>${t("page.selection_unchanged")}</li>`}</ul><//>`;
 }
 
+const moveFocus = moveFocusAmong("input");
+
+/** Check boxes of drives as one stop of the Tab key, so that the way to the buttons is as short with 300 of them. Enter sends
+ * nothing: a check box is no button. */
+function DriveChoices({ views, left, onChange }) {
+  const [reached, setReached] = useState(views[0].id);
+  const key = (event) => {
+    if (event.key === "Enter") event.preventDefault();
+    moveFocus(event);
+  };
+  return html`<div class="choices" role="group" aria-describedby="choices-keys" onKeyDown=${key}>${views.map((view) => html`
+    <label class="check" key=${view.id}><input type="checkbox" checked=${!left.includes(view.id)}
+      tabindex=${view.id === reached ? 0 : -1}
+      onFocus=${() => setReached(view.id)} onChange=${() => onChange(toggled(left, view.id))} />${titleOf(view)}</label>`)}</div>
+    ${views.length > 1 && html`<p class="hint for-keys" id="choices-keys">${t("page.choose_keys")}</p>`}`;
+}
+
 /** Dialog with the drives to choose from, all chosen at first; `reasonLabel` asks for a reason as well, which can stay empty
  * where it is `optional`. */
 function SelectionDialog({ views, title, ask, path, act, reasonLabel, optional = false, onClose }) {
@@ -42,8 +60,7 @@ function SelectionDialog({ views, title, ask, path, act, reasonLabel, optional =
     ${!result && offered.length > MAX_DRIVES_WITHOUT_CHOOSE_ALL && html`<div class="row"><${Button} kind="quiet"
       onClick=${() => setLeft([])} data-do="choose-all">${t("page.choose_all")}<//><${Button} kind="quiet" data-do="choose-none"
       onClick=${() => setLeft(offered.map((view) => view.id))}>${t("page.choose_none")}<//></div>`}
-    ${!result && html`<div class="choices">${offered.map((view) => html`<label class="check" key=${view.id}><input type="checkbox"
-      checked=${!left.includes(view.id)} onChange=${() => setLeft(toggled(left, view.id))} />${titleOf(view)}</label>`)}</div>`}
+    ${!result && html`<${DriveChoices} views=${offered} left=${left} onChange=${setLeft} />`}
     ${!result && reasonLabel && html`<${ReasonField} label=${reasonLabel} value=${reason} onChange=${setReason}
       required=${!optional} />`}
     <${ErrorNote} error=${error} />${result?.outcomes && html`<${SelectionResults} outcomes=${result.outcomes} />`}

@@ -1,6 +1,7 @@
 // Fleet: one tile per drive.
 import { html, signal, useEffect, useMemo, useRef } from "../lib.js";
 import { t } from "../i18n.js";
+import { moveFocusAmong } from "../arrow-keys.js";
 import { Icon } from "../icons.js";
 import { Button, Choice, Field, Loading } from "../ui.js";
 import { connection } from "../live.js";
@@ -68,29 +69,7 @@ function Toolbar({ chosen }) {
     <${OptionSelect} label=${t("page.size")} from=${size} names=${SIZES} start="size" /></div></section>`;
 }
 
-const COLUMN_STEP = { ArrowRight: 1, ArrowLeft: -1 };
-
-/** Arrow keys move from tile to tile; up and down by the rows on the screen. */
-function moveFocus(event) {
-  const tiles = [...event.currentTarget.querySelectorAll(".tilelink")];
-  const at = tiles.indexOf(document.activeElement);
-  if (at < 0) return;
-  const next = event.key in COLUMN_STEP ? tiles[at + COLUMN_STEP[event.key]] : tileInNextRow(tiles, at, event.key);
-  if (!next) return;
-  event.preventDefault();
-  next.focus();
-}
-
-function tileInNextRow(tiles, at, key) {
-  const here = tiles[at].getBoundingClientRect();
-  const side = { ArrowDown: 1, ArrowUp: -1 }[key];
-  if (!side) return null;
-  const order = side > 0 ? tiles.slice(at + 1) : tiles.slice(0, at).reverse();
-  return order.find((tile) => {
-    const box = tile.getBoundingClientRect();
-    return side * (box.top - here.top) > 4 && Math.abs(box.left - here.left) < here.width / 2;
-  });
-}
+const moveFocus = moveFocusAmong(".tilelink");
 
 function Section({ name, ids }) {
   const title = name === "rest" ? t("page.no_group") : sectionTitle(name);
