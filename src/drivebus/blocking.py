@@ -28,6 +28,7 @@ from drivebus.drives.context import DriveLimits, Preflight
 from drivebus.drives.dialects.base import Identity
 from drivebus.drives.jog_session import JogSession as AsyncJogSession
 from drivebus.drives.operations.calibration import CalibrationResult, CalibrationStep
+from drivebus.drives.operations.jog import MAX_JOG_LEASE_S
 from drivebus.drives.operations.loopback import LoopbackReport
 from drivebus.drives.operations.status import CommLossReport
 from drivebus.drives.outcome import Outcome
@@ -262,7 +263,7 @@ class Drive:
         self,
         frequency_hz: float | None = None,
         direction: Direction | str = "forward",
-        lease_s: float = 0.5,
+        lease_s: float = MAX_JOG_LEASE_S,
         requested_at: float | None = None,
     ) -> JogSession:
         return JogSession(self._bus, self.drive.jog(frequency_hz, direction, lease_s, requested_at))

@@ -62,7 +62,7 @@ def test_a_jog_is_started_renewed_and_ended(is_local: bool) -> None:
     async def scenario() -> None:
         client = FakeClient(is_local=is_local)
         fan = drive(client)
-        async with fan.jog(5.0, Direction.REVERSE, 0.5) as jog:
+        async with fan.jog(5.0, Direction.REVERSE) as jog:
             for _ in range(3):
                 jog.renew()
                 await asyncio.sleep(0.1)
@@ -79,7 +79,7 @@ def test_a_jog_is_started_renewed_and_ended(is_local: bool) -> None:
 def test_a_jog_is_not_renewed_by_itself() -> None:
     async def scenario() -> None:
         client = FakeClient(is_local=True)
-        async with drive(client).jog(None, Direction.FORWARD, 0.5):
+        async with drive(client).jog(None, Direction.FORWARD):
             await asyncio.sleep(5.0)
         assert "drive.jog_renew" not in client.operations
 
@@ -91,7 +91,7 @@ def test_a_jog_that_the_service_has_ended_is_an_error_and_the_drive_is_stopped()
         lost, gone = StartInhibited("drives.jog_lease_expired", lease_s=0.5), NotFound("plant.no_jog", id="fan-1")
         client = FakeClient(is_local=True, jog_renew=lost, jog_end=gone)
         with pytest.raises(StartInhibited):
-            async with drive(client).jog(None, Direction.FORWARD, 0.5) as jog:
+            async with drive(client).jog(None, Direction.FORWARD) as jog:
                 jog.renew()
                 await asyncio.sleep(0.1)
                 jog.renew()
@@ -111,7 +111,7 @@ def test_a_jog_whose_start_fails_is_stopped_unless_the_service_knows_that_nothin
         error.may_be_running = may_be_running
         client = FakeClient(jog=error)
         with pytest.raises(OutcomeUnknown):
-            async with drive(client).jog(None, Direction.FORWARD, 0.5):
+            async with drive(client).jog(None, Direction.FORWARD):
                 pass
         assert client.operations[-1] == last
 
@@ -124,7 +124,7 @@ def test_a_jog_that_cannot_be_armed_is_not_stopped() -> None:
     async def scenario() -> None:
         client = FakeClient(arm=OutcomeUnknown("service.lost", operation="drive.arm"))
         with pytest.raises(OutcomeUnknown):
-            async with drive(client).jog(None, Direction.FORWARD, 0.5):
+            async with drive(client).jog(None, Direction.FORWARD):
                 pass
         assert client.operations[-1] == "drive.arm"
 
@@ -137,7 +137,7 @@ def test_a_jog_whose_service_is_lost_ends_with_an_unknown_stop_that_names_the_dr
     async def scenario() -> None:
         client = FakeClient(is_local=True, jog_end=ServiceUnavailable("plant.not_there", socket="plant.sock"))
         with pytest.raises(OutcomeUnknown) as caught:
-            async with drive(client).jog(None, Direction.FORWARD, 0.5):
+            async with drive(client).jog(None, Direction.FORWARD):
                 pass
         assert caught.value.key == "service.not_stopped" and "fan-1 could not be stopped" in str(caught.value)
         assert exit_code_of(caught.value) is ExitCode.UNKNOWN

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from drivebus.drives.outcome import Outcome
     from drivebus.drives.state import Direction
 
-DEAD_MAN_TIMEOUT_S = 0.5  # the motor stops this long after the last key at the latest
 FIRST_REPEAT_TIMEOUT_S = 1.0  # terminals repeat a held key after 0.25 to 0.66 s
 FORWARD_KEYS = frozenset(" f")
 REVERSE_KEYS = frozenset("r")
@@ -37,6 +36,7 @@ QUIT_KEYS = frozenset("q\x1b\x03\x04")  # q, Esc, Ctrl-C, Ctrl-D
 async def _jog(target: Target, frequency: float | None) -> ExitCode:
     from drivebus.cli.keyboard import raw_keyboard
     from drivebus.cli.signals import shutdown_signals
+    from drivebus.drives.operations.jog import MAX_JOG_LEASE_S
     from drivebus.errors import ConfigurationError
 
     if not sys.stdin.isatty():
@@ -48,7 +48,7 @@ async def _jog(target: Target, frequency: float | None) -> ExitCode:
                 drive.check_frequency(frequency)
             await print_comm_loss(drive)
             with raw_keyboard() as keys:
-                output.print_message("jog.how")
+                output.print_message("jog.how", limit_s=MAX_JOG_LEASE_S)
                 try:
                     await _until_quit(bus, drive, keys, shutdown, frequency)
                 except OSError:  # the terminal or the pipe is gone, and the drive is stopped
@@ -77,7 +77,7 @@ async def _until_quit(
             return
         direction = _direction(key)
         if direction is not None and await _is_held(bus, keys, key):
-            session = drive.jog(frequency_hz, direction, lease_s=DEAD_MAN_TIMEOUT_S)
+            session = drive.jog(frequency_hz, direction)
             await _jog_while_held(session, bus, keys, shutdown, key)
             keys.clear()
 
@@ -110,12 +110,14 @@ async def _is_held(bus: Bus, keys: KeyQueue, key: str) -> bool:
 
 async def _jog_while_held(session: JogSession, bus: Bus, keys: KeyQueue, shutdown: ShutdownSignal, key: str) -> None:
     """Jog while the key repeats, then stop the drive and confirm it."""
+    from drivebus.drives.operations.jog import MAX_JOG_LEASE_S
+
     try:
         async with session:
             _print_jog_outcome(session.start_outcome, bus, "begun")
             loop = asyncio.get_running_loop()
             while not shutdown.received and keys.last_key == key:
-                left_s = keys.last_key_at + DEAD_MAN_TIMEOUT_S - loop.time()
+                left_s = keys.last_key_at + MAX_JOG_LEASE_S - loop.time()
                 if left_s <= 0:
                     break
                 session.renew()

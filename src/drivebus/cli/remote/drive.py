@@ -146,7 +146,7 @@ class RemoteDrive:
     async def write(self, values: Mapping[str, float | str], *, save: bool = False, force: bool = False) -> Outcome:
         return await self._call_with_control(PARAMETERS_WRITE, values=dict(values), save=save, force=force)
 
-    def jog(self, frequency_hz: float | None, direction: Direction, lease_s: float) -> RemoteJog:
+    def jog(self, frequency_hz: float | None, direction: Direction) -> RemoteJog:
         return RemoteJog(self, frequency_hz, direction)
 
     def assume_model(self) -> None:

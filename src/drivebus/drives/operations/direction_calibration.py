@@ -9,7 +9,7 @@ from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.dialects.modbus import ModbusDialect
 from drivebus.drives.operations.calibration import CalibrationResult, CalibrationStep, PlannedRequests
 from drivebus.drives.operations.context import OperationContext
-from drivebus.drives.operations.jog import send_jog
+from drivebus.drives.operations.jog import MAX_JOG_LEASE_S, send_jog
 from drivebus.drives.operations.preflight import ensure_preflight
 from drivebus.drives.operations.setpoint import write_setpoint
 from drivebus.drives.operations.steps import DriveOperation, wait
@@ -20,7 +20,6 @@ from drivebus.drives.state import Direction
 from drivebus.errors import LimitError
 
 MAX_CALIBRATION_JOG_HZ = 5.0
-CALIBRATION_JOG_S = 0.5  # as long as a jog may turn without renewal
 
 
 def calibration_jog(
@@ -42,7 +41,7 @@ def calibration_jog(
     if outcome.succeeded:
         outcome = yield from send_jog(op, dialect.calibration_jog())
         if outcome.succeeded:
-            yield from wait(CALIBRATION_JOG_S)
+            yield from wait(MAX_JOG_LEASE_S)
             stopped = yield from stop(op, StopMode.STOP)
             outcome = outcome if stopped.succeeded else stopped
     return CalibrationResult(outcome=outcome)
@@ -70,7 +69,7 @@ STEPS = (
         operation=calibration_jog,
         plan=_plan,
         question="calibrate.ask_jog",
-        question_params={"cap_hz": MAX_CALIBRATION_JOG_HZ, "seconds": CALIBRATION_JOG_S},
+        question_params={"cap_hz": MAX_CALIBRATION_JOG_HZ, "seconds": MAX_JOG_LEASE_S},
         observation_question="calibrate.ask_direction",
         observations={"f": Direction.FORWARD, "r": Direction.REVERSE},
         options_observed=_options_observed,

@@ -1,4 +1,4 @@
-"""Command ticket: what each drive's stops and control were at its issue, to reject commands that these have ended."""
+"""Command ticket: issue time, and how often each drive had been stopped, to reject what a stop has overtaken."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class CommandTicket:
     """Session that gave the command."""
     stop_counts: Mapping[str, int]
     control_end_counts: Mapping[str, int]
-    """How often control had ended by then of each drive that the session controlled."""
+    """Number of times that control of a drive had ended by then, of each drive that the session controlled."""
     drives: tuple[DriveRuntime, ...]
 
 

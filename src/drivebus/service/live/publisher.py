@@ -33,7 +33,7 @@ class LivePublisher:
             self._publish(drive_view(self._plant, drive, status))
 
     def publish_drive(self, drive: DriveRuntime, status: DriveStatus) -> DriveView:
-        """Publish a drive with what a cycle finds: readings that became old, and all that is not of its monitor."""
+        """Publish a drive in a supervision cycle: readings that became old, and what its monitor does not report."""
         self._record_samples(drive, status)
         view = drive_view(self._plant, drive, status)
         self._publish(view)

@@ -64,7 +64,7 @@ class DriveRuntime:
         self.limits_lost = False
         """The limits that an engineer set are lost with their file: it is not started until they are set again."""
         self.limits_set_for: DriveIdentity | None = None
-        """Another drive, for which its limits were set."""
+        """Drive for which its limits were set, where that was another one."""
         self.last_stop: StopObject | None = None
         """Its last stop request, until it is started again."""
         self.commanded_hz: float | None = None
@@ -82,7 +82,7 @@ class DriveRuntime:
         """Monotonic time at which its last start ended; infinite while one is under way."""
         self._starts_under_way = 0
         self._started_before = False
-        """``started_by_service`` once the starts under way have ended, unless a motor can run by one of them."""
+        """Value that ``started_by_service`` gets back if no start under way can have let a motor run."""
         self._motions_sent_before = 0
         """``Bus.motions_sent`` when the first of the starts under way began."""
         self.state_was_known = False
@@ -90,7 +90,7 @@ class DriveRuntime:
         self.last_known_turning = False
         """Its motor turned when its state was known last, whoever started it."""
         self.reported_unusable_reply = False
-        """The event of its absence, or a later one, has named what it sends."""
+        """Whether an event of its absence has named the invalid replies that it sends."""
         self.reported_presence: Presence | None = None
         """Presence of which an event was published last."""
         self.reported_fault: int | None = None
