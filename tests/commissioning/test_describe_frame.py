@@ -246,6 +246,21 @@ def test_a_jog_start_of_df800_without_a_direction_is_named_and_a_hazard() -> Non
 
 
 @pytest.mark.parametrize(
+    ("model", "octets"),
+    [("ms300", "01 06 20 00 00 03"), ("gd10", "01 06 20 00 00 0A"), ("ms300", "01 10 20 00 00 02 04 00 13 01 F4")],
+)
+def test_a_command_word_that_the_profile_does_not_list_is_a_hazard(model: str, octets: str) -> None:
+    """0003H jogs an MS300; it was explained as a frame without commands."""
+    found = describe_frame(model, rtu(octets), encoding="rtu")
+    assert found.valid and keys(found, "hazards") == ["explain.unlisted_command"]
+
+
+@pytest.mark.parametrize("octets", ["01 06 20 00 00 12", "01 10 20 00 00 02 04 00 12 01 F4", "01 03 21 00 00 04"])
+def test_a_listed_command_word_and_a_read_are_no_hazard(octets: str) -> None:
+    assert not describe_frame("ms300", rtu(octets), encoding="rtu").hazards
+
+
+@pytest.mark.parametrize(
     ("model", "octets", "kind", "key"),
     [
         ("vc660", "01 06 30 00 00 01", "errata", "explain.read_only"),

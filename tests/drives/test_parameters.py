@@ -415,6 +415,8 @@ def test_the_broadcast_address_is_never_written(
         ("df800", "F7.01", 3.0, "drives.confirm_serial"),
         ("vc660", "F06.04", 6.0, "drives.confirm_serial"),
         ("vc660", "F06.05", 2.0, "drives.confirm_serial"),
+        ("vc660", "F06.06", 1000.0, "drives.confirm_reply_delay"),
+        ("vc660", "F06.06", 25.0, "drives.confirm_reply_delay"),
     ],
 )
 def test_a_write_after_which_the_drive_may_not_be_reached_waits_for_a_confirmation(
@@ -428,6 +430,12 @@ def test_a_write_after_which_the_drive_may_not_be_reached_waits_for_a_confirmati
     if model == "df800":
         assert bench.write({name: value}, save=True, force=True).succeeded
         assert len(bench.writes()) == 1
+
+
+def test_a_reply_delay_within_what_the_profile_expects_needs_no_confirmation(tmp_path: Path) -> None:
+    bench = ParameterBench(with_group_sizes("vc660", tmp_path), FakeModbus())
+    assert bench.write({"F06.06": 24.0}).succeeded
+    assert len(bench.writes()) == 1
 
 
 @pytest.mark.parametrize(

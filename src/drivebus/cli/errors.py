@@ -61,6 +61,7 @@ _SHARED_HINTS = {
     "bus.line_errors": "damaged_reply",
     "drives.duplicate": "bus.second_reply",
     "drives.confirm_inputs": "drives.confirm_address",
+    "drives.confirm_reply_delay": "drives.confirm_address",
     "drives.confirm_serial": "drives.confirm_address",
     "drives.confirm_source": "drives.confirm_address",
     "drives.eeprom_clock": "drives.eeprom_budget",

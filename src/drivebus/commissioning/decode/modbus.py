@@ -88,6 +88,10 @@ def _annotate(profile: DriveProfile, description: FrameDescription, sent: Mappin
             hazards = _write_hazards(profile, register, fields["value"])
         else:
             added |= _recognized_fields(profile, fields)
+            if profile.commands and profile.commands.words == 1 and space == "holding":
+                hazards = [
+                    hazard for _, place, word in _changes(fields) for hazard in _write_hazards(profile, place, word)
+                ]
     return annotate(description, added, tuple(errata), tuple(hazards))
 
 
@@ -258,6 +262,8 @@ def _write_hazards(profile: DriveProfile, register: int, word: int) -> list[Note
         return []
     notes = []
     names = _command_names(profile, word)
+    if commands.values and not names:
+        notes.append(note("explain.unlisted_command", word=word, model=profile.model))
     if "start" in names and "stop" in names:
         notes.append(note("explain.start_and_stop", word=word))
     if _is_directionless_jog(profile, word) and not word & DIRECTION_TOGGLE:

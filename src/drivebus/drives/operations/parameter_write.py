@@ -14,6 +14,8 @@ from drivebus.values import parse_hex_word
 
 SERIAL_ROLES = frozenset({"baud", "format", "protocol"})
 """Roles of the parameters that decide with which serial settings a drive answers."""
+_SECONDS_PER_UNIT = {"ms": 0.001, "s": 1.0}
+"""Units that a reply delay is given in."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,14 +110,22 @@ def confirmation_needed(dialect: Dialect, write: CheckedWrite) -> ConfirmationRe
             return ConfirmationRequired("drives.confirm_inputs", **params)
         needed = _bus_control_values(dialect, write)
         return ConfirmationRequired("drives.confirm_source", **params, needed=needed) if needed is not None else None
-    if _role(dialect.profile, write.parameter) == "address":
+    role = _role(dialect.profile, write.parameter)
+    if role == "address":
         return ConfirmationRequired("drives.confirm_address", **params, address=write.raw, present=dialect.address)
+    if role == "reply_delay":
+        expected_ms = dialect.profile.timing.reply_delay_s * 1000
+        return ConfirmationRequired("drives.confirm_reply_delay", **params, expected_ms=round(expected_ms, 1))
     return ConfirmationRequired("drives.confirm_serial", **params)
 
 
 def may_become_unreachable(dialect: Dialect, write: CheckedWrite) -> bool:
-    """Return whether the drive may reply at another address or with other serial settings after a write."""
+    """Return whether the drive may reply elsewhere, with other serial settings or too late after a write."""
     role = _role(dialect.profile, write.parameter)
+    if role == "reply_delay":
+        delay = number_of(dialect, write.parameter, write.raw)
+        seconds = _SECONDS_PER_UNIT.get(write.parameter.unit)
+        return delay is None or seconds is None or delay * seconds > dialect.profile.timing.reply_delay_s
     return role in SERIAL_ROLES or (role == "address" and write.raw != dialect.address)
 
 
