@@ -61,7 +61,7 @@ def test_the_attempts_of_a_frame_follow_from_its_bytes_and_its_permit(ask: BusRe
 
 
 def test_a_sync_probe_is_sent_once() -> None:
-    """Its failure shows that the station is silent; a second one would show no more."""
+    """A probe that fails shows that the station is silent; a second one would show no more."""
     assert prepare(read_request(), is_sync_probe=True).max_attempts == 1
 
 

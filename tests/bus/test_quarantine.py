@@ -129,7 +129,7 @@ def errors_of_two_reads(script: BusScript) -> list[Any]:
 
 
 def test_requests_that_wait_for_one_sync_probe_have_an_error_each() -> None:
-    """Their receivers add the outcomes of their commands to it."""
+    """The receiver of an error adds the outcome of its own command to it."""
     first, second = errors_of_two_reads(noisy_script(FakeStation()))
     assert first.key == second.key == "bus.stray_before" and first.params == second.params
     assert first is not second

@@ -152,7 +152,7 @@ def test_a_late_mirrored_reply_is_late_and_no_foreign_master(waiting: bool) -> N
 def test_a_foreign_master_is_detected_in_every_family_also_while_a_station_is_suspect(
     model: str, address: int, waiting: bool
 ) -> None:
-    """Its request may address the very station that is silent; no bytes may end the bus."""
+    """A foreign request may address the very station that is silent; no bytes may end the bus."""
     ours, other = (create_dialect(profiles.load(model), number) for number in (1, address))
     bus = BusCore(SETTINGS, echo="off")
     bus.registry.add(ours.station_config)

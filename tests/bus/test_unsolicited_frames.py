@@ -177,7 +177,7 @@ def test_a_second_foreign_request_ends_the_wait_for_the_reply_to_the_first() -> 
 
 
 def test_the_reply_to_a_foreign_request_that_is_being_received_is_waited_for() -> None:
-    """Its last byte came in time; only the silence after it ends later."""
+    """The last byte of the reply came in time; only the silence after it ends later."""
     script = online(1)
     receive(script, FOREIGN_READ)
     foreign = script.core.unsolicited.foreign_request

@@ -160,7 +160,7 @@ def test_whatever_ends_an_attached_run_is_followed_by_a_stop(
 
 
 def test_an_attached_run_whose_drive_another_user_takes_over_stops_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """That user commands the drive from then on."""
+    """The other user commands the drive from then on."""
 
     async def failing(*_: object) -> ExitCode:
         raise ControlNotHeld("plant.not_owner", drive="fan-1", owner="bob")

@@ -78,7 +78,7 @@ def test_the_end_of_the_demo_says_that_no_drive_is_left_running(
 async def test_a_demo_that_is_interrupted_while_its_drives_start_waits_for_their_end(
     monkeypatch: pytest.MonkeyPatch, run: Callable[[], Coroutine[Any, Any, None]]
 ) -> None:
-    """Their folder was removed under them, and a traceback followed the last sentence."""
+    """The folder of the drives was removed while they started, and a traceback followed the last sentence."""
     plant = PtyDemoPlant()
     monkeypatch.setattr(host, "create_demo_plant", lambda: plant)
     demo = asyncio.create_task(run())

@@ -237,7 +237,7 @@ def test_addresses_that_a_lost_port_left_unasked_are_not_called_without_reply(mo
 def test_a_drive_that_replies_late_in_the_sweep_is_stopped_and_not_called_absent(
     monkeypatch: pytest.MonkeyPatch, address: int, always: bool
 ) -> None:
-    """Its reply comes while the next address is asked, or after the last one."""
+    """The late reply comes while the next address is asked, or after the last one."""
     monkeypatch.setattr(asyncio, "run", virtual_time.run)  # the late reply meets no request on the wire
     transact = Bus.transact
 

@@ -283,7 +283,7 @@ def test_stops_that_ask_for_the_same_read_before_it_is_sent_share_it() -> None:
 
 
 def test_no_stop_joins_a_read_that_is_on_the_wire() -> None:
-    """Its reply may show the drive as it was before the stop."""
+    """The reply to that read may show the drive as it was before the stop."""
 
     async def scenario() -> None:
         bus = QueueBus()

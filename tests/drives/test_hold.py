@@ -599,7 +599,7 @@ def test_a_pause_shows_in_a_status_that_is_a_number() -> None:
 
 @pytest.mark.parametrize("operation", [pause, lambda op: hold_ramp(op, 1.0)], ids=["pause", "ramp hold"])
 def test_a_motor_that_another_program_has_reversed_is_not_turned_back_by_a_hold(operation: Any) -> None:
-    """Its direction was read before, when it was forward."""
+    """The direction was read earlier, when it was forward."""
     station = FakeModbus(registers={STATUS: 0x0001, 0x0001: 4})
     bus = PureBus(dialect=dialect_for("vc660"), station=station)
     bus.run(operation_for(bus.dialect).read_verified_state())

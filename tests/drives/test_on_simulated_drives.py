@@ -427,7 +427,7 @@ def test_a_jog_whose_lease_is_lost_is_stopped_within_it(model: str) -> None:
 @pytest.mark.parametrize("expires", [False, True])
 @pytest.mark.parametrize("model", TELLING)
 def test_a_drive_is_stopping_from_the_end_of_its_jog_until_the_stop_is_confirmed(model: str, expires: bool) -> None:
-    """Its registration is kept until then, and a tripped interlock sends no second stop."""
+    """The stop stays registered until then, so that a tripped interlock sends no second one."""
 
     async def scenario() -> None:
         async with SimulatedDrives(model) as bench:

@@ -105,7 +105,7 @@ def test_a_save_is_not_skipped_after_a_ram_only_write() -> None:
 
 @pytest.mark.parametrize("lost", [None, NotPermitted("bus.start_inhibited", station=1)])
 def test_a_save_that_was_lost_after_a_ram_only_write_is_not_confirmed_by_ram(lost: Exception | None) -> None:
-    """Nor is the next one skipped: the EEPROM may still hold the old value."""
+    """The next save is not skipped either: the EEPROM may still hold the old value."""
     fake = FakeC320()
 
     def losing(request: Any) -> Any:
@@ -852,7 +852,7 @@ print(counted)
 
 @pytest.mark.parametrize(("budget", "expected"), [(1000, 50), (30, 30)])
 def test_two_programs_that_save_the_same_parameter_lose_no_count(tmp_path: Path, budget: int, expected: int) -> None:
-    """Nor do they, together, save more often than the budget allows."""
+    """Together they do not save more often than the budget allows."""
     path = tmp_path / "s.json"
     command = [sys.executable, "-c", CHARGE_MANY, str(path), str(budget)]
     programs = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]

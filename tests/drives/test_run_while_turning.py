@@ -69,7 +69,7 @@ def on_profile(model: str, registers: dict[int, int], **options: Any) -> tuple[P
 
 
 def test_a_motor_paused_at_a_delta_is_not_started_by_a_model_without_a_pause() -> None:
-    """Its manual lists the state and no word that ends it."""
+    """The manual of that model lists the state and no word that ends it."""
     bus, op, fake = on_profile("c2000_plus", {0x2101: 2})
     with pytest.raises(StartInhibited) as caught:
         bus.run(run(op, 10.0, None))

@@ -112,7 +112,7 @@ FASTER = sunfar.SunfarState.RUNNING_FORWARD
 def test_a_start_stops_a_drive_that_two_reads_show_too_fast(
     shown: tuple[int, int], state: int, found_hz: float | None, is_stoppable: bool
 ) -> None:
-    """Also without a wait for the speed: 10 Hz was sent, 3 Hz more are tolerated."""
+    """No wait for the speed is needed for that: 10 Hz was sent, 3 Hz more are tolerated."""
 
     def races(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
         fake.state = state if request.operation == ON_320 or not is_stoppable else sunfar.SunfarState.STOPPED
@@ -596,7 +596,7 @@ def test_a_drive_that_reports_running_while_it_is_stopped_is_not_run_by_a_new_fr
 
 @pytest.mark.parametrize("output", [1000, 1990, 2000])
 def test_a_running_drive_whose_display_does_not_move_is_not_called_stopping(output: int) -> None:
-    """Its display may be coarser than what it gains in 3 s."""
+    """The display may be coarser than what the motor gains in 3 s."""
     bus, op = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, output=output))
     outcome = start(bus, op, hz=20.0)
     assert (outcome.status, outcome.notes) == (OutcomeStatus.ACKNOWLEDGED, ())
@@ -1034,7 +1034,7 @@ def test_an_unanswered_start_that_a_dzb100_shows_as_its_last_command_is_not_rese
 
 
 def test_a_frequency_of_a_dzb100_whose_coding_is_not_determined_stops_nothing() -> None:
-    """Its quality is uncertain: 100 may be 100 Hz, 10 Hz or 1 Hz."""
+    """The quality of such a frequency is uncertain: 100 may be 100 Hz, 10 Hz or 1 Hz."""
 
     def shows_another_coding(fake: FakeDzb100, request: dzb100.Dzb100Control) -> bool:
         fake.items[1] = 0x1000

@@ -96,7 +96,7 @@ def test_a_device_of_roots_own_group_needs_a_rule_and_no_membership(
 def test_a_port_in_a_directory_that_can_not_be_searched_can_not_be_opened(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Neither mode nor group of the device can be read then."""
+    """The mode and the group of the device can't be read then."""
     real = Path.stat
 
     def stat(path: Path, **options: bool) -> os.stat_result:

@@ -162,7 +162,7 @@ def test_what_can_be_read_of_the_preconditions_is_a_listed_parameter(model: str)
 
 
 def test_addresses_and_broadcast_never_meet() -> None:
-    """Neither 0 of DZB100 and VC660 nor 31 of C320 can be asked anything."""
+    """Address 0 of DZB100 and VC660, and 31 of C320, answer nothing."""
     found = {model: (p.addresses, p.broadcast) for model in MODELS[:4] if (p := profiles.load(model))}
     assert found == {
         "c320": ((0, 30), 31),

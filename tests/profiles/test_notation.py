@@ -226,7 +226,7 @@ def test_a_parameter_with_an_explicit_index_is_found_however_its_zeros_are_writt
 
 
 def test_a_signal_whose_notation_is_no_address_is_found_by_it_in_any_case() -> None:
-    """Its register stands in the profile, as that of a parameter does."""
+    """The register of such a signal stands in the profile, as that of a parameter does."""
     vc660 = profiles.load("vc660")
     signal = replace(vc660.signals["output_frequency"], notation="U0-01")
     profile = replace(vc660, signals={**vc660.signals, signal.name: signal})

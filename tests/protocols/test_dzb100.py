@@ -537,7 +537,7 @@ UNHEARD = [
 def test_a_station_rejects_a_frame_with_both_numbers_and_the_place(
     frame: bytes, kind: type[ProtocolError], key: str, expected: object, found: object, position: int | None
 ) -> None:
-    """Also the first bytes alone are refused at once: no later byte can mend them."""
+    """Its first bytes alone are refused at once: no later byte can make them valid."""
     with pytest.raises(kind) as caught:
         CODEC.decode_request(frame)
     error = caught.value

@@ -159,6 +159,6 @@ def test_what_a_reply_may_answer_is_decided_by_its_size() -> None:
 
 
 def test_an_ascii_short_error_is_no_beginning_of_an_echo() -> None:
-    """Its CR LF stands where the echo has digits."""
+    """The short error has CR LF where the echo has digits."""
     found = describe(b":010600F9\r\n", "ascii", "response", None, "short")
     assert found.valid and found.interpretations == ()

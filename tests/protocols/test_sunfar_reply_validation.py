@@ -250,7 +250,7 @@ def test_the_data_of_a_control_reply_are_published_only_under_the_expected_item(
 
 
 def test_a_control_reply_a_monitor_and_a_parameter_f0_are_the_same_bytes() -> None:
-    """Their bytes are the same, so no command is confirmed by its own reply ()."""
+    """Because of that no command is confirmed by its own reply."""
     frame = CODECS["ascii"].encode_reply(
         SunfarReply(address=5, response=SunfarResponse.OK, state=SunfarState.STOPPED, group=0, item=2, data=7)
     )

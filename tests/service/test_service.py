@@ -151,7 +151,7 @@ def _frame_count(kit: ServiceKit) -> int:
 
 
 def test_all_wrong_parameters_are_reported_and_unknown_ids_are_not_found() -> None:
-    """Neither a number in a string nor an unknown name is accepted."""
+    """A number in a string and an unknown name are not accepted."""
 
     async def scenario() -> None:
         async with running_service() as kit:

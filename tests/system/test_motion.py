@@ -393,7 +393,7 @@ def test_on_a_bad_line_every_reported_outcome_matches_the_motor(variant: SystemV
 
 
 def test_a_df800_outcome_is_acknowledged_without_confirmation() -> None:
-    """Its acknowledgement does not prove that it moves (T17)."""
+    """The acknowledgement of a DF800 does not prove that the motor moves (T17)."""
 
     async def scenario() -> None:
         async with system_bench(DF800) as bench:

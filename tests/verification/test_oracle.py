@@ -131,7 +131,7 @@ def _granted(inputs: PermitInputs) -> Permit:
 def test_i2_a_start_that_is_sent_again_blindly_is_found(
     campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch, variant: DriveVariant
 ) -> None:
-    """This holds also where the second start finds the motor on and changes nothing."""
+    """The second start is found where the motor is on and nothing changes, too."""
     monkeypatch.setattr("drivebus.bus.prepared_request.PreparedRequest._max_write_attempts", lambda job: 3)
     scenario = make_scenario(campaign_run, variant)
     scenario.loop.run_until_complete(scenario.drives[1].preflight())

@@ -328,7 +328,7 @@ def test_shelving_applies_to_all_alarms_of_a_key_until_its_end_on_the_monotonic_
 
 
 def test_a_motor_that_takes_the_place_of_another_has_no_shelved_alarm() -> None:
-    """Its own fault was hidden for as long as that of the former motor was shelved."""
+    """A fault of the new motor was hidden for as long as that of the former one was shelved."""
     alarms = engine()
     run(alarms, (0, view(fault=OVERCURRENT)))
     alarms.shelve("a1", 60, 0.0, 0, by="anna", reason="to be exchanged")

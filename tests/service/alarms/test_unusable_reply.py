@@ -95,7 +95,7 @@ def test_of_a_silent_drive_the_service_says_that_it_does_not_reply() -> None:
 
 
 def test_a_silent_drive_that_begins_to_answer_unusably_gets_another_alarm_at_once_and_only_one() -> None:
-    """And one that falls silent after that gets no third: no usable reply comes then either."""
+    """A drive that falls silent after that gets no third alarm: no usable reply comes then either."""
 
     async def scenario() -> None:
         async with running_service(plant("c320")) as kit:

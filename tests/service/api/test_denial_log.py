@@ -119,7 +119,7 @@ def test_the_count_is_recorded_before_a_new_period() -> None:
 
 @pytest.mark.parametrize("waited_s", [1.0, SUMMARY_PERIOD_S + 0.5])
 def test_the_end_of_the_process_records_the_count_and_leaves_no_task(waited_s: float) -> None:
-    """Also where the period has just ended, and its record is being written."""
+    """That holds where the period has just ended, and its record is being written, too."""
     plant = FailingService(1.0)
 
     async def scenario() -> None:

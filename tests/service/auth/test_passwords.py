@@ -185,7 +185,7 @@ def test_the_number_of_waiting_passwords_is_limited() -> None:
 
 
 def test_a_user_without_a_password_cannot_log_in() -> None:
-    """Also not with the password of the hash that is verified instead."""
+    """The password of the hash that is verified instead does not help either."""
     passwords = PasswordHashing(FAST_HASHER)
     passwords._unknown_user_hash = FAST_HASHER.hash(PASSWORD)
     assert run(passwords.verify(None, PASSWORD)) is False

@@ -131,7 +131,7 @@ def test_a_session_ends_after_twelve_hours_of_activity(tmp_path: Path) -> None:
 
 
 def test_an_open_connection_loses_all_rights_after_twelve_hours(tmp_path: Path) -> None:
-    """Its cookie is not checked again."""
+    """The cookie of an open connection is not checked again."""
     auth, clock = auth_service(tmp_path)
     _, credential = login(auth)
     clock.now += SESSION_LIFETIME_S - 1
@@ -353,7 +353,7 @@ def test_a_wrong_old_password_changes_nothing_and_counts(tmp_path: Path) -> None
 
 
 def test_a_login_of_an_unknown_or_disabled_user_takes_as_long_as_a_wrong_password(tmp_path: Path) -> None:
-    """Neither the reply nor its time discloses which names exist: each login verifies one hash."""
+    """The reply and its time do not disclose which names exist: each login verifies one hash."""
     auth, _ = auth_service(tmp_path)
     auth.user_file.change(
         lambda database: database.with_changed_user(replace(database.user("operator"), disabled=True))

@@ -92,7 +92,7 @@ def test_one_address_guesses_at_most_a_hundred_times_an_hour() -> None:
 
 
 def test_a_user_waits_at_most_two_minutes() -> None:
-    """Also after a whole night of guesses."""
+    """A whole night of guesses makes the wait no longer."""
     throttle = LoginThrottle()
     guesses(throttle, [keys("user:li")], 8, 1.0)
     assert throttle.wait_s(keys("user:li"), 8 * HOUR_S) <= MAX_LOGIN_DELAY_S

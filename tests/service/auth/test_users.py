@@ -380,7 +380,7 @@ def test_a_full_disk_leaves_the_old_file(error: OSError, tmp_path: Path, monkeyp
 
 
 def test_leftovers_of_a_killed_program_are_harmless(tmp_path: Path) -> None:
-    """So are files of another user: none is written to, and no link is followed."""
+    """Files of another user are harmless too: none is written to, and no link is followed."""
     for left in (".users.json.new", "users.lock"):
         (tmp_path / left).touch(0o644)
     (tmp_path / ".users.json.new").unlink()

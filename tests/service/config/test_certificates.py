@@ -98,7 +98,7 @@ def test_check_names_a_key_that_others_can_read(
 def test_check_names_a_key_or_certificate_that_another_user_owns(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    """Its owner can read and replace it, whatever its mode is."""
+    """The owner of a file can read and replace it, whatever its mode is."""
     certificate(tmp_path, wall_clock() + timedelta(days=300))
     monkeypatch.setattr(permissions, "ROOT", -1)
     monkeypatch.setattr(permissions, "_service_user", lambda config: 65_534)

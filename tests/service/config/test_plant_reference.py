@@ -45,7 +45,7 @@ def test_every_key_stands_on_the_page_with_what_it_means(reference: ModuleType, 
 
 @pytest.mark.parametrize(("language", "kind"), [("en", "text, or"), ("zh", "文本，或")])
 def test_a_title_may_be_a_plain_text(reference: ModuleType, language: str, kind: str) -> None:
-    """Its schema is that of a table, and the page named no other form."""
+    """The schema of a title is that of a table, and the page named no other form."""
     rows = [line for line in reference.page(language)["keys"].splitlines() if line.startswith("| `title` ")]
     assert len(rows) == 6 and all(line.startswith(f"| `title` | {kind} ") for line in rows)
 

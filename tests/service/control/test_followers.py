@@ -168,7 +168,7 @@ async def change_half_done(kit: ServiceKit) -> asyncio.Task[Json]:
 
 
 def test_a_follower_that_is_stopped_while_its_leader_is_commanded_gets_no_frequency() -> None:
-    """Its frequency was commanded before its stop."""
+    """The frequency of the follower was commanded before its stop."""
 
     async def scenario() -> None:
         async with running_service(LED) as kit:
@@ -270,7 +270,7 @@ def test_an_audit_record_names_every_drive_that_its_command_affects() -> None:
     ("operation", "event"), [("drive.pause", "plant.did_pause"), ("drive.hold_ramp", "plant.did_hold_ramp")]
 )
 def test_a_leader_is_neither_paused_nor_held_while_a_follower_runs(operation: str, event: str) -> None:
-    """Its followers would run on at their share of the frequency that it no longer has."""
+    """The followers would run on at their share of the frequency that the leader no longer has."""
     pumps = GroupConfig(id="pumps", drives=("pump-1", "pump-2"), leader="pump-1")
     more = {"seconds": 1.0} if operation == "drive.hold_ramp" else {}
 

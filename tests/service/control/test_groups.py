@@ -169,7 +169,7 @@ def test_a_limit_hit_at_a_ratio_names_the_drive_and_the_frequencies_that_the_gro
 
 
 def test_a_group_with_an_offline_drive_is_not_called_stopped() -> None:
-    """Its state was that of the last replies, which are good for three poll periods."""
+    """The state of the offline drive was that of the last replies, which are good for three poll periods."""
 
     async def scenario() -> None:
         drives = tuple(replace(drive, min_poll_interval_s=10.0) for drive in DRIVES)

@@ -120,7 +120,7 @@ def test_a_request_for_control_of_a_session_that_ended_can_not_be_granted() -> N
 def test_a_jog_that_another_user_has_stopped_is_not_renewed_and_its_expiry_does_not_hide_that_stop(
     renewed: bool,
 ) -> None:
-    """Its renewals were answered as if the motor turned on; then the stop was shown as the end of the jog."""
+    """Renewals were answered as if the motor turned on; then the stop was shown as the end of the jog."""
 
     async def scenario() -> None:
         async with running_service() as kit:
@@ -147,7 +147,7 @@ def test_a_jog_that_another_user_has_stopped_is_not_renewed_and_its_expiry_does_
 
 @pytest.mark.parametrize("taken", [True, False])
 def test_a_jog_ends_when_another_session_takes_control(taken: bool) -> None:
-    """Its owner goes on to renew it. Control that has merely ended is nobody's, and the jog goes on."""
+    """The owner of the jog goes on to renew it. Control that has merely ended is nobody's, and the jog goes on."""
     engineer = remote_actor("li", Role.ENGINEER)
 
     async def scenario() -> None:

@@ -51,7 +51,7 @@ def test_the_view_of_a_lease_has_its_owner_and_expiry() -> None:
 
 
 def test_only_a_lease_that_ran_out_is_returned_as_expired() -> None:
-    """Neither one that was taken again at once nor one that an engineer took over."""
+    """A lease that was taken again at once, or that an engineer took over, is not returned."""
     leases = ControlLeases()
     leases.take("a", ANN, 0.0)
     leases.take("a", ANN, LEASE_TTL_S)

@@ -69,7 +69,7 @@ def test_a_slow_audit_record_leaves_less_time_for_the_checks(
 def test_each_further_drive_of_a_group_has_its_own_deadline(
     start_interval_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its turn comes seconds after the command; the lease shows that the command still stands."""
+    """The turn of a further drive comes seconds after the command; the lease shows that the command still stands."""
     monkeypatch.setattr(context, "CHECKS_TIMEOUT_S", COMMAND_TTL_S[CommandKind.START])
 
     async def scenario() -> None:

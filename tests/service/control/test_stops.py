@@ -277,7 +277,7 @@ def test_a_port_lost_during_a_stop_is_reported_with_its_repetition_by_the_servic
 
 
 def test_a_stop_on_a_bus_that_was_never_opened_is_not_promised_for_later() -> None:
-    """Its repetition ends at once, because no port is opened again."""
+    """The repetition of the stop ends at once, because no port is opened again."""
 
     async def scenario() -> None:
         async with running_service(plant_config(buses=(BusConfig("a", "/nonexistent/tty"), BUSES[1]))) as kit:

@@ -205,7 +205,7 @@ async def test_an_export_in_local_time_names_its_zone_in_the_heading(database: H
 async def test_the_time_in_which_the_service_did_not_run_is_a_gap_after_each_last_value(
     database: HistoryDatabase,
 ) -> None:
-    """Also after a kill, at which nothing can be stored; a signal that was bad already needs no second gap."""
+    """A kill, at which nothing is stored, leaves the same gap; a signal that was bad already needs no second one."""
     async with database.historian() as historian:
         historian.append([*samples([20.0, 21.0], TAGS[0]), *samples([50.0, None], TAGS[1])])
     for _ in range(2):

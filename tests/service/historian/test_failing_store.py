@@ -286,7 +286,7 @@ async def test_tables_of_another_version_are_left_alone(database: HistoryDatabas
 
 
 async def test_labels_of_the_version_with_two_languages_are_kept(database: HistoryDatabase) -> None:
-    """That version had a column for each language; the samples beside them are as they are now."""
+    """The version had a column for each language; the samples beside them are as they are now."""
     async with database.historian() as historian:
         historian.append(samples([1.0, 2.0]))
         await historian.flush()

@@ -96,7 +96,7 @@ async def test_a_time_range_deleted_at_a_fine_level_is_shown_from_a_coarse_one(d
 
 @pytest.mark.parametrize("jump", [-TEN_YEARS, -HOUR_MS, HOUR_MS, TEN_YEARS])
 async def test_a_clock_that_jumps_deletes_nothing(database: HistoryDatabase, jump: int) -> None:
-    """Neither at run time nor over a restart; samples under a wrong clock are kept as long."""
+    """That holds at run time and over a restart; samples under a wrong clock are kept as long."""
     wall = FakeWallClock()
     async with database.historian(wall_ms=wall) as historian:
         clocks = Clocks(historian, wall)

@@ -255,7 +255,7 @@ def test_the_evaluation_agrees_with_a_naive_one(tree: Any, values: dict[tuple[st
 def test_losing_a_value_never_makes_an_expression_hold(
     tree: Any, values: dict[tuple[str, str], Any], lost: tuple[str, str]
 ) -> None:
-    """Neither ``not`` nor ``or`` permits a start without values."""
+    """No ``not`` and no ``or`` permits a start without values."""
 
     def among(known: dict[tuple[str, str], Any]) -> ValueLookup:
         def found(drive: str, name: str) -> tuple[float | str, str] | None:

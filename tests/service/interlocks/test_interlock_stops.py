@@ -84,7 +84,7 @@ def test_an_interlock_does_not_go_on_with_an_old_view_where_a_part_of_the_superv
 
 
 def test_a_drive_that_stops_answering_trips_the_drives_that_require_it() -> None:
-    """Its values are stale after max(3 × 0.5 s, 1 s) and the timeout; the stop follows after the delay of 1 s."""
+    """Values are stale after max(3 × 0.5 s, 1 s) and the timeout; the stop follows after the delay of 1 s."""
 
     async def scenario() -> None:
         async with running_service(plant_config(interlocks=(AIR,))) as kit:

@@ -274,7 +274,7 @@ def disconnect(kit: ServiceKit) -> None:
 
 
 def test_a_lost_drive_its_return_and_its_fault_are_each_one_event(caplog: pytest.LogCaptureFixture) -> None:
-    """And each is one line of the log."""
+    """Each is one line of the log, too."""
     caplog.set_level("INFO", "drivebus.service")
 
     async def scenario() -> None:

@@ -136,7 +136,7 @@ def test_a_link_that_others_can_replace_is_refused(tmp_path: Path, is_link_of_li
 
 
 def test_a_link_of_another_user_in_a_folder_of_all_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its owner can lead it elsewhere although the sticky bit keeps all others from that."""
+    """The owner of the link can lead it elsewhere, although the sticky bit keeps all others from that."""
     shared = tmp_path / "shared"
     shared.mkdir()
     shared.chmod(0o1777)

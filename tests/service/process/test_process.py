@@ -98,7 +98,7 @@ async def wait_until_stopped(client: SocketClient, drive: str) -> dict[str, Any]
 
 
 def test_ctrl_z_does_not_suspend_a_service_and_says_why(tmp_path: Path) -> None:
-    """Its motors ran on without supervision, and no stop of the page was sent until ``fg``."""
+    """The motors ran on without supervision, and no stop of the page was sent until ``fg``."""
     with running_service(write(tmp_path), "--without", "web") as process:
         process.send_signal(signal.SIGTSTP)
         assert process.stderr is not None
@@ -282,7 +282,7 @@ def test_a_service_goes_on_where_its_output_cannot_be_written(tmp_path: Path) ->
 
 
 def test_with_json_every_line_of_standard_output_is_json(tmp_path: Path) -> None:
-    """Also the address of the page, which the web process prints."""
+    """The address of the page, which the web process prints, is JSON too."""
     words = [*COMMAND, "serve", str(write(tmp_path)), "--json"]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:

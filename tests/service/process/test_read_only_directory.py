@@ -130,7 +130,7 @@ async def test_a_socket_whose_directory_may_not_be_entered_for_a_time_is_restore
 
 
 async def test_no_second_service_starts_on_a_directory_that_was_removed_and_created_again() -> None:
-    """Its lock was gone: the second service took the sockets, and a stop reached the one without the ports."""
+    """The lock was gone: the second service took the sockets, and a stop reached the one without the ports."""
     with TemporaryDirectory(prefix="drivebus-") as name:
         folder = Path(name) / "state"
         folder.mkdir(mode=0o700)

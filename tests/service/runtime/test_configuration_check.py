@@ -235,7 +235,7 @@ async def test_a_check_is_bounded_in_time_and_drives(tmp_path: Path, monkeypatch
 
 
 def test_a_check_tells_nothing_about_files_outside_the_folder_of_the_plant(tmp_path: Path) -> None:
-    """Neither that one exists nor where its first error stands."""
+    """The check discloses neither that such a file exists nor where its first error stands."""
     folder, outside = tmp_path / "plant", tmp_path / "outside.toml"
     folder.mkdir()
     (folder / "own.toml").write_text("not = [a profile")

@@ -153,7 +153,7 @@ def test_a_changed_profile_file_is_not_half_in_force_after_other_poll_periods(tm
 
 
 def test_a_drive_that_ran_at_its_keypad_when_it_answered_last_does_not_leave_the_plant(tmp_path: Path) -> None:
-    """Its state is unknown, and this service did not start it: a reload removed it, and nothing watched it any more."""
+    """Its state is unknown, and this service did not start the drive: a reload removed it, and nothing watched it."""
     file = write(tmp_path / "plant.toml", FAN_1, FAN_2)
 
     async def scenario() -> None:

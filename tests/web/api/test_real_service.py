@@ -161,7 +161,7 @@ def test_a_command_beyond_a_limit_is_rejected_with_the_same_text_over_every_inte
 
 
 def test_a_start_that_waited_for_a_suspended_page_is_not_done_and_a_stop_is(plant: RunningService) -> None:
-    """Its client may have given up meanwhile, and the motor would start seconds after the click."""
+    """The client may have given up meanwhile, and the motor would start seconds after the click."""
     fan: Json = {"drive": "fan-1"}
     rest(plant, Role.ENGINEER, "lease.take", fan)
     plant.run_in_loop(lambda: all_states_known(plant))

@@ -466,7 +466,7 @@ def test_a_stop_is_called_what_the_service_answered(draw: Draw, entry: Any, conn
 
 
 def test_a_name_from_right_to_left_is_isolated_from_the_words_around_it(draw: Draw, blank: Any, fan: Any) -> None:
-    """Its number and the signs after it changed their places with the name, and the names of a list their order."""
+    """The number and the signs after the name changed their places with it, and the names of a list their order."""
     name, stops = "משאבה 1", [{"id": 1, "target": {"kind": "drive", "id": "fan-1"}, "phase": "sending", "time_ms": 1}]
     for title, expected in ((name, f"\u2068{name}\u2069"), ("Fan 1", "Fan 1")):
         topics = {"drives/fan-1": fan | {"title": {"en": title, "zh": title}}}

@@ -113,7 +113,7 @@ def test_the_page_loads_no_text_that_only_the_command_line_names() -> None:
 
 
 def test_the_page_loads_no_text_that_comes_with_its_alarm_or_its_rejected_file() -> None:
-    """Their keys are composed, so that no source names them; they were a sixth of the page's texts."""
+    """The keys of these texts are composed, so that no source names them; they were a sixth of the page's texts."""
     groups = {key.rpartition(".")[0] for key in json.loads(i18n.catalogue_json("en", COMMAND_LINE_TEXTS))}
     own = {"alarms", "alarms.subject", "profiles"}
     assert {name for name in groups if name.startswith(("alarms", "profiles"))} == own

@@ -212,7 +212,7 @@ async def change(stage: Stage, **fields: Any) -> None:
 
 @pytest.mark.parametrize(("reason", "language"), list(zip(ENDINGS, itertools.cycle(["en", "zh"]), strict=False)))
 def test_the_login_page_says_why_the_session_has_ended(stage: Stage, visit: Any, reason: str, language: str) -> None:
-    """Also after a reload of the page, and to a page that was asleep and got no message."""
+    """A reload of the page shows it again, and so does a page that was asleep and got no message."""
     expect = expecting()
     page = visit("#/fleet", role="operator", language=language)
     asleep = visit("#/fleet", role="operator", language=language)

@@ -295,7 +295,7 @@ def test_an_incident_names_cause_and_remedy_as_the_drive_does(
 
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_an_incident_of_an_interlock_names_it_once(stage: Stage, visit: Any, expect: Any, language: str) -> None:
-    """Its title and its sentence named it one below the other."""
+    """The title and the sentence of the incident named the interlock one below the other."""
     trip(stage, "fan-3")
     names = {"interlock": "Damper open", "drive": "Flue gas fan"}
     texts = {part: i18n.text(f"alarms.{part}.interlock_trip", language, **names) for part in ("title", "text")}
@@ -673,7 +673,7 @@ def test_a_reload_that_moves_the_page_says_before_and_after_it_where_the_page_is
 def test_a_plant_that_is_too_large_for_the_check_is_reloaded_after_a_check_on_its_machine(
     stage: Stage, visit: Any, expect: Any, monkeypatch: pytest.MonkeyPatch, language: str
 ) -> None:
-    """Its box could not be ticked, so that only the API reloaded it."""
+    """The box of the reload could not be ticked, so that only the API reloaded the plant."""
     monkeypatch.setattr(configuration_check, "MAX_CHECKED_DRIVES", 4)
     page = visit("#/settings?tab=configuration", role="administrator", language=language)
     panel = page.locator("section.panel").last

@@ -132,7 +132,7 @@ def test_an_arm_token_is_valid_in_its_own_session_only(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("skew_s", [-86_400, 86_400])
 def test_a_clock_that_is_a_day_off_changes_nothing(skew_s: int, tmp_path: Path) -> None:
-    """Neither the client's clock in a header or body nor the server's wall clock counts, only monotonic time."""
+    """Only monotonic time counts: no clock of the client in a header or body, and no wall clock of the server."""
 
     async def scenario(kit: ServiceKit, harness: WebAppHarness) -> None:
         client = await harness.log_in("operator")

@@ -85,7 +85,7 @@ def test_throttled_logins_do_not_fill_the_audit_trail(tmp_path: Path) -> None:
 
 
 def test_a_person_with_a_known_browser_logs_in_however_often_others_try_the_name(tmp_path: Path) -> None:
-    """Also where all clients have the address of a reverse proxy, or where the wrong attempts never end."""
+    """That holds where all clients have the address of a reverse proxy, and where the wrong attempts never end."""
     harness = WebAppHarness(tmp_path)
 
     async def scenario() -> None:
@@ -339,7 +339,7 @@ def test_after_fifteen_idle_minutes_a_session_can_only_view_and_stop(tmp_path: P
 
 
 def test_a_password_unlocks_an_idle_session_which_stays_the_same_one(tmp_path: Path) -> None:
-    """Its leases stay and its secret is new; a wrong password changes nothing and is counted."""
+    """The leases of the session stay and its secret is new; a wrong password changes nothing and is counted."""
     harness = WebAppHarness(tmp_path)
 
     async def scenario() -> None:

@@ -216,7 +216,7 @@ def test_every_change_of_a_user_is_in_the_audit_trail(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["administrator", "ADMINISTRATOR"])
 @pytest.mark.parametrize("by_token", [False, True])
 def test_an_administrator_cannot_change_the_own_role(by_token: bool, name: str, tmp_path: Path) -> None:
-    """Neither another spelling of the name nor an own token allows it; the own password needs the present one."""
+    """Another spelling of the name or an own token does not allow it; the own password needs the present one."""
     harness = WebAppHarness(tmp_path)
 
     async def scenario() -> None:
