@@ -91,7 +91,7 @@ def background_output() -> Iterator[None]:
     """Write standard output and standard error in the background; wait for the reader at the end only.
 
     Where both lead to one pipe, file or terminal they share one queue, else each has its own order. What can't be
-    written to standard output is said on standard error.
+    written to standard output is reported on standard error.
     """
     from drivebus.cli import output
 

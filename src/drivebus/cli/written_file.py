@@ -1,4 +1,4 @@
-"""Files that a command writes where the user says: complete or not at all."""
+"""Files that a command writes at a path of the user: complete or not at all."""
 
 from __future__ import annotations
 

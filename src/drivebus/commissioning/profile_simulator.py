@@ -86,7 +86,7 @@ def simulated_model(model: str) -> SimulatedModel | None:
 
 
 class ProfileStation(SimulatedStation):
-    """Simulated drive that does what its profile says."""
+    """Simulated drive that does what its profile describes."""
 
     broadcast: ClassVar[int] = modbus.BROADCAST
 

@@ -40,7 +40,7 @@ VOLATILE_SCHEMES = ("sim", "memory", "replay")  # port URLs of drives without an
 
 
 def known_options(port: Port, profile: DriveProfile, address: int) -> dict[str, Any]:
-    """Return the options of a profile that the port knows of the drive at an address (simulated drives)."""
+    """Return the profile options that the port itself has for the drive at an address (simulated drives)."""
     return {name: value for name, value in drive_options(port, address).items() if name in profile.options}
 
 

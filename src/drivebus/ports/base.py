@@ -74,7 +74,7 @@ def port_notes(port: Port) -> tuple[PortNote, ...]:
 
 
 def drive_options(port: Port, address: int) -> Mapping[str, Any]:
-    """Return the profile options that the port itself knows of a drive; only the port of simulated drives knows any."""
+    """Return the profile options that the port itself has for a drive; only the port of simulated drives has any."""
     known: Mapping[int, Mapping[str, Any]] = getattr(port, "drive_options", {})
     return known.get(address, {})
 

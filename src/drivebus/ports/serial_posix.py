@@ -96,7 +96,7 @@ class SerialPort:
             self._stall = self._loop.call_later(WRITE_STALL_TIMEOUT_S, self._fail, PortLost("ports.stalled"))
 
     def pause_reading(self) -> None:
-        """Leave bytes in the kernel, as ``PausableReader`` says."""
+        """Leave bytes in the kernel, as ``PausableReader`` describes."""
         if self._reading:
             self._reading = False
             self._loop.remove_reader(self._fd)

@@ -257,7 +257,7 @@ def _merge_chain(sources: list[_TomlSource]) -> dict[str, Any]:
 
 
 def _mark_scales_published(table: Any) -> Any:
-    """Mark the scale of each entry with a ``factor`` as published, unless it says otherwise itself."""
+    """Mark the scale of each entry with a ``factor`` as published, unless the entry itself states otherwise."""
     if not isinstance(table, Mapping):
         return table
     return {

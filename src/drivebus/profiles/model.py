@@ -69,7 +69,7 @@ class Parameter:
     writable: bool = True
     choices: Mapping[int, Text] = field(default_factory=dict)
     choices_complete: bool = True
-    """False where the manual names the choices as examples only: the drive knows others."""
+    """False where the manual names the choices as examples only: the drive accepts others."""
     help: Text | None = None
     caveat: str | None = None
     factory: float | None = None

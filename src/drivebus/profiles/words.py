@@ -151,11 +151,11 @@ class StatusMap:
 
     @property
     def shows_fault(self) -> bool:
-        """Whether the status word itself says that the drive is in fault."""
+        """Whether the status word itself shows that the drive is in fault."""
         return "fault" in self.bits or "fault" in self.values.values()
 
     def reports_fault(self, word: int) -> bool:
-        """Return whether a valid status word says that the drive is in fault, also where it still turns."""
+        """Return whether a valid status word shows that the drive is in fault, also where it still turns."""
         if not self.values:
             return bool(word & self.bits.get("fault", 0))
         value, bits = word & self.mask, self._fault_bits

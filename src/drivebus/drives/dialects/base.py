@@ -328,11 +328,11 @@ class Dialect(ABC):
         self.options[option] = value
 
     def on_accepted(self, request: Any) -> None:
-        """Update what the dialect knows of the drive: it has accepted this request, after ``on_sent``."""
+        """Record that the drive has accepted a request, after ``on_sent``: its levels and options may be others now."""
         return
 
     def on_sent(self, request: Any) -> None:
-        """Update what the dialect knows of the drive: this request was sent."""
+        """Record that a request was sent: the levels that the drive holds may be others now."""
         return
 
 

@@ -164,7 +164,7 @@ def _details(params: Mapping[str, Any]) -> Iterator[Text]:
 
 
 def _role(role: Any) -> Any:
-    """Return the name of a role within a sentence; a role that the catalogue does not know stays as it is."""
+    """Return the name of a role within a sentence; a role that the catalogue does not have stays as it is."""
     key = f"page.role_{role}"
     if not i18n.known(key):
         return role

@@ -199,7 +199,7 @@ class GatewayConfig:
     module: str
     """Module that its process runs."""
     settings: Any
-    """Settings of its process: a frozen dataclass, which only the gateway knows."""
+    """Settings of its process: a frozen dataclass that only the gateway defines and reads."""
     enabled: bool = True
     extra: str | None = None
     """Extra of the package drivebus whose libraries its process imports."""

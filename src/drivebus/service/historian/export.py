@@ -53,7 +53,7 @@ def local_time(time_ms: int, zone: ZoneInfo) -> str:
 
 
 def time_format(timezone: str) -> Callable[[int], str]:
-    """Return the function that writes a time. Raises InvalidParameters for a zone that this computer does not know."""
+    """Return the function that writes a time. Raises InvalidParameters for a zone that this computer does not have."""
     if timezone == UTC_NAME:
         return iso_time
     try:

@@ -15,7 +15,7 @@ from drivebus.values import Text, bilingual_text
 VACUUM_PAGES = 1000
 """Free pages returned at a time: some milliseconds."""
 PRIMARY_RESULT_MASK = 0xFF
-"""The low byte of a result code of SQLite is its kind; the others say in which call it came."""
+"""The low byte of a result code of SQLite is its kind; the others name the call that failed."""
 FAILURES = {
     sqlite3.SQLITE_FULL: "history.file_full",
     sqlite3.SQLITE_READONLY: "history.file_read_only",

@@ -24,7 +24,7 @@ MAX_QUEUED_RECORDS = 10_000  # further lines are dropped while the log hangs
 FLUSH_TIMEOUT_S = 1.0  # the end of the process never waits longer for a log that hangs
 REPETITION_INTERVAL_S = 10.0  # least time between messages of a library that begin alike
 REPETITION_PREFIX_CHARS = 60  # messages that share their first characters are alike
-MAX_MESSAGE_KINDS = 100  # the filter remembers no more; then it forgets all
+MAX_MESSAGE_KINDS = 100  # kinds that the filter counts; a further one resets it
 _INTERVAL_ATTRIBUTE = "repetition_interval_s"
 AT_LONG_INTERVALS = {_INTERVAL_ATTRIBUTE: 600.0}
 """``extra`` of a record about something that another program may cause again and again."""

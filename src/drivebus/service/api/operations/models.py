@@ -92,7 +92,7 @@ class ModelSignalObject(ApiObject):
 
 
 class ParameterObject(ApiObject):
-    """A parameter. ``choices``: texts by raw word; where they are not ``choices_complete`` the drive knows others."""
+    """A parameter. ``choices``: texts by raw word; where they are not ``choices_complete`` the drive accepts others."""
 
     notation: str
     address_hex: str
