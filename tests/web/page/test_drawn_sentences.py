@@ -95,6 +95,33 @@ def test_who_controls_a_drive_and_why_only_stops_are_possible(
     assert shown(text, CONTROL) == expected
 
 
+PRESENCES = ("page.presence_unusable", "page.presence_offline", "page.presence_never_seen")
+
+
+@pytest.mark.parametrize(
+    ("presence", "unusable", "expected"),
+    [
+        ("offline", True, PRESENCES[0]),
+        ("never_seen", True, PRESENCES[0]),
+        ("offline", False, PRESENCES[1]),
+        ("never_seen", False, PRESENCES[2]),
+    ],
+)
+def test_a_drive_that_sends_bytes_in_place_of_a_reply_is_not_called_offline(
+    draw: Draw, fan: Any, presence: str, unusable: bool, expected: str
+) -> None:
+    """A drive whose replies had a stray byte before them was called offline, or never seen, on its tile and its bus."""
+    text = {"en": "stray bytes come before its reply", "zh": "应答之前有杂散字节"}
+    view = fan | {"presence": presence, "state": "unknown", "unusable_reply": {"text": text} if unusable else None}
+    tile = draw("fleet/tile", "Tile", {"id": "fan-1"}, topics={"drives/fan-1": view}, only=".state")
+    assert shown(tile, PRESENCES) == [expected]
+    station = {"drive": "fan-1", "address": 1, "presence": presence, "error_rate": 1.0, "load_percent": 1.0}
+    stations = {"stations": [station | {"errors": {}, "counters": {}}]}
+    for part in ("BusTopology", "Stations"):
+        drawn = draw("buses/bus-topology", part, stations, topics={"drives/fan-1": view})
+        assert shown(drawn, PRESENCES) == [expected]
+
+
 def test_a_drive_that_the_user_holds_in_another_window_is_not_requested_from_the_user(draw: Draw, fan: Any) -> None:
     """The page offered a user to ask themselves for control, but not a namesake at the command line of the machine."""
     keys = ["page.control_ask", "page.not_controlled_other", "page.not_controlled_window"]

@@ -26,7 +26,7 @@ export function ageOf(found) {
 /** The drive's state as it may be shown now; `lost` without a live connection, `beforeStop` where it was read before the
  * last stop. */
 export const stateOf = (view) => ({
-  state: view.state, presence: view.presence, lost: !isLive.value,
+  state: view.state, presence: view.presence, unusable: Boolean(view.unusable_reply), lost: !isLive.value,
   beforeStop: (view.last_stop?.time_ms ?? 0) > (view.state_time_ms ?? 0),
 });
 

@@ -7,10 +7,16 @@ import { href } from "../router.js";
 import { Table } from "../ui.js";
 import { classes, milliseconds, percent } from "./bus-figures.js";
 import { driveTitle } from "../titles.js";
+import { drive } from "../store.js";
 
-const PRESENCE_APPEARANCES = { online: ["check", "calm"], offline: ["silent", "alarm"], never_seen: ["unknown", "doubt"] };
+const PRESENCE_APPEARANCES = { online: ["check", "calm"], offline: ["silent", "alarm"], never_seen: ["unknown", "doubt"],
+  unusable: ["warning", "alarm"] };
 /** Error rate that is marked; starts are refused at ten times as much. */
 const ERROR_RATE_WARNING = 0.01;
+
+/** Presence of a station, or "unusable" where bytes come in place of its reply. */
+const presenceOf = ({ drive: id, presence }) =>
+  (presence !== "online" && drive(id).value?.unusable_reply ? "unusable" : presence);
 
 /** The host, the cable and its stations, as one drawing. */
 export function BusTopology({ stations }) {
@@ -20,7 +26,7 @@ export function BusTopology({ stations }) {
 }
 
 function StationNode({ station }) {
-  const [icon, tone] = PRESENCE_APPEARANCES[station.presence] ?? PRESENCE_APPEARANCES.never_seen;
+  const [icon, tone] = PRESENCE_APPEARANCES[presenceOf(station)] ?? PRESENCE_APPEARANCES.never_seen;
   const doubtful = station.presence === "online" && station.error_rate > ERROR_RATE_WARNING;
   return html`<li class=${doubtful ? "doubt" : tone}><a href=${href("drive", station.drive)}>
     <span class="node"><${Icon} name=${doubtful ? "warning" : icon} size=${22} /></span>
@@ -28,7 +34,7 @@ function StationNode({ station }) {
     <span class="small">${t("page.address_is", { address: station.address })}</span>
     <span class="small">${station.presence === "online" ? t("page.errors_are",
       { share: percent(station.error_rate) })
-      : t(`page.presence_${station.presence}`)}</span></a></li>`;
+      : t(`page.presence_${presenceOf(station)}`)}</span></a></li>`;
 }
 
 /** Stations of a bus as a table, with all figures. */
@@ -51,8 +57,8 @@ export function Stations({ stations }) {
 }
 
 function Presence({ station }) {
-  const [icon, tone] = PRESENCE_APPEARANCES[station.presence] ?? PRESENCE_APPEARANCES.never_seen;
-  const word = t(`page.presence_${station.presence}`);
+  const [icon, tone] = PRESENCE_APPEARANCES[presenceOf(station)] ?? PRESENCE_APPEARANCES.never_seen;
+  const word = t(`page.presence_${presenceOf(station)}`);
   return html`<span class=${`state ${tone}`}><${Icon} name=${icon} size=${18} />${word}</span>`;
 }
 

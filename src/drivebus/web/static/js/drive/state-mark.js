@@ -12,7 +12,8 @@ const APPEARANCES = {
 };
 
 /** [icon, tone, word, whether it may be over] of a state from `readings.stateOf`. A motion may be over after a stop. */
-export function appearanceOf({ state, presence, lost, beforeStop }) {
+export function appearanceOf({ state, presence, unusable, lost, beforeStop }) {
+  if (unusable && presence !== "online") return ["warning", "alarm", t("page.presence_unusable"), lost];
   if (presence === "never_seen") return ["silent", "doubt", t("page.presence_never_seen"), lost];
   if (presence === "offline") return ["silent", "alarm", t("page.presence_offline"), lost];
   const [icon, tone] = APPEARANCES[state] ?? APPEARANCES.unknown;
