@@ -74,6 +74,20 @@ def test_the_end_of_the_demo_says_that_no_drive_is_left_running(
     assert "its simulated drives with it" in capsys.readouterr().out
 
 
+def test_the_last_sentence_of_the_demo_does_not_stand_behind_the_ctrl_c_of_the_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its lines are wrapped for the whole width, and the last word was broken."""
+
+    async def run_with_page(*_: object) -> None:
+        return
+
+    monkeypatch.setattr(host, "_run_with_page", run_with_page)
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    asyncio.run(host._run_until_signal(8080))
+    assert capsys.readouterr().out.startswith("\n")
+
+
 @pytest.mark.parametrize("run", [lambda: host._run_with_page(Path(), 8080), lambda: host.serve_terminal(memory=False)])
 async def test_a_demo_that_is_interrupted_while_its_drives_start_waits_for_their_end(
     monkeypatch: pytest.MonkeyPatch, run: Callable[[], Coroutine[Any, Any, None]]

@@ -739,6 +739,7 @@ SLIPS = [
     ("status tcp:10.0.0.5:4001 --model c320 --address 1", "; try tcp://10.0.0.5:4001", "；试试 tcp://10.0.0.5:4001"),
     ("serve", "`drivebus init` writes the file of a plant.", "`drivebus init` 生成工厂配置文件。"),
     ("jog {drive} 5", "as an option: --frequency 25", "作为选项给出：--frequency 25"),
+    ("scan sim://c320@1 --models c320 --addresses 8-1", "a range from low to high", "范围从小到大"),
     ("doctor", "Did you mean ports, check, acceptance?", "是否想用 ports、check、acceptance？"),
     ("describe c320", "Did you mean decode, models?", "是否想用 decode、models？"),
     ("trace sim://c320@1", "Did you mean monitor, capture?", "是否想用 monitor、capture？"),

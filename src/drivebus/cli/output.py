@@ -148,7 +148,7 @@ def is_blocked() -> bool:
 
 
 def end_live_line() -> None:
-    """End the line that an attached command draws again and again on a terminal."""
+    """End the line of a terminal that an attached command draws again and again, or that shows ^C."""
     if sys.stdout.isatty():
         print_text("")
 

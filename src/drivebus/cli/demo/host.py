@@ -89,6 +89,7 @@ async def _run_until_signal(port: int) -> ExitCode:
     with shutdown_signals() as shutdown, _directory() as directory:
         await shutdown.interruptible(_run_with_page(directory, port))  # the service handles the signals once it runs
     with output.continue_without_output():
+        output.end_live_line()  # a terminal shows ^C there
         output.print_message("demo.ended")
     return ExitCode.INTERRUPTED if shutdown.received else ExitCode.DONE
 
