@@ -133,6 +133,19 @@ def test_whatever_the_system_refuses_is_our_error(tmp_path: Path, monkeypatch: p
     assert "文件系统为只读" in caught.value.text("zh") and "s.json" in caught.value.text("zh")
 
 
+@pytest.mark.parametrize("name", ["plant.json", "store.json"])
+def test_the_sentence_about_a_file_fits_limits_and_waivers_as_well_as_write_counts(name: str, tmp_path: Path) -> None:
+    """A limit that could not be stored was answered with a save that is not sent."""
+    path = tmp_path / name
+    path.mkdir()
+    with pytest.raises(ConfigurationError) as unreadable:
+        FileStore(path).get("limits/fan-1")
+    unwritable = ConfigurationError("drives.store_unwritable", file=str(path), problem="disk full")
+    for error in (unreadable.value, unwritable):
+        before, file, after = error.text("en").partition(str(path))
+        assert file and not any(word in before + after for word in ("calibration", "save", "sent"))
+
+
 def test_no_other_user_can_write_calibrations_waivers_and_limits_whatever_the_umask(tmp_path: Path) -> None:
     """Under the umask 000 their file was writable by every user."""
     store = FileStore(tmp_path / "new" / "s.json")
