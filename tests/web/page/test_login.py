@@ -232,6 +232,26 @@ def test_the_login_page_says_why_the_session_has_ended(stage: Stage, visit: Any,
         stage.access.user_file.change(lambda _: USERS)
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_stop_that_the_end_of_the_session_has_refused_is_named_on_the_login_page(
+    stage: Stage, visit: Any, language: str
+) -> None:
+    """Regression: pressed while the server was away, it was not sent, and the login page had no word of it."""
+    page = visit("#/drive/fan-1", role="operator", language=language)
+    page.locator("[data-stop=drive]").wait_for()
+    stage.lose_server()
+    page.locator(".connection.lost").wait_for()
+    page.click("[data-stop=drive]")
+    page.locator(".stop-status.waiting").wait_for()
+    stage.do(lambda: stage.access.end_sessions("operator", "ended"))
+    stage.regain_server()
+    name = {"en": "Supply fan", "zh": "送风机"}[language]
+    failed = i18n.text("page.stop_failed", language, what=name, why="").strip()
+    expecting()(page.locator(".loginpage .stop-status.bad")).to_contain_text(failed)
+    page.locator(".loginpage [data-do=dismiss-stop]").click()
+    expecting()(page.locator(".loginpage .stop-status")).to_have_count(0)
+
+
 def test_a_log_out_in_another_tab_is_named_and_one_on_this_page_is_not(visit: Any) -> None:
     """The log-out removes the cookie of both tabs: only the message of the connection says it to the other one."""
     expect = expecting()

@@ -88,13 +88,13 @@ function stopText(entry) {
   return t(key, { what, why: entry.text(entry.unconfirmed) });
 }
 
-function StopResult({ entry }) {
+export function StopResult({ entry }) {
   const isUnderWay = entry.phase === "sending" || entry.phase === "trying";
   const kind = isUnderWay || entry.acknowledged ? "waiting" : entry.good ? "good" : "bad";
   return html`<div class=${`stop-status ${kind}`}>${kind === "bad" && html`<${Icon} name="fault" />`}
     ${kind === "good" && html`<${Icon} name="check" />`}<div class="result"><span role="alert"><time>${clock(entry.time_ms)}</time>
       ${" "}${stopText(entry)}</span>
-      ${entry.withheld?.map((id) => html`<${StopAnyway} key=${id} id=${id} how=${entry.how} />`)}</div>
+      ${may("stop") && entry.withheld?.map((id) => html`<${StopAnyway} key=${id} id=${id} how=${entry.how} />`)}</div>
     ${!isUnderWay && html`<${Button} kind="quiet" icon="close" onClick=${() => dismissStop(entry.id)} data-do="dismiss-stop"
       aria-label=${t("page.stop_dismiss")} title=${t("page.stop_dismiss")} />`}</div>`;
 }

@@ -4,9 +4,9 @@ import { effect, signal } from "../lib.js";
 import { api, drivePath, groupPath } from "../api.js";
 import { OFF_STATES } from "../drive-states.js";
 import { loadSession } from "../session.js";
-import { localized, t } from "../i18n.js";
+import { localized, t, titleOf } from "../i18n.js";
 import { drive, group, idsOf, nowMs, serviceNow } from "../store.js";
-import { driveTitle, groupTitle, listDrives } from "../titles.js";
+import { listDrives } from "../titles.js";
 
 /** A stop may take the drive's whole ramp until it is confirmed. */
 const STOP_TIMEOUT_MS = 120_000;
@@ -20,7 +20,7 @@ const REPLACED_STOP_MS = 3000;
 const CONFIRM_AFTER_MS = 1000;
 
 /** Stops of this page, newest first: {id, target, how, phase: "sending" | "trying" | "done" | "failed", good, acknowledged,
- * text(unconfirmed), time_ms, unconfirmed, acknowledgedDrives, withheld, answered_ms}. `target`: {kind, id} as for `stop`;
+ * text(unconfirmed), time_ms, unconfirmed, acknowledgedDrives, withheld, answered_ms}. `target`: {kind, id, title}, as for `stop`;
  * `unconfirmed`: the drives whose stop is not confirmed; `withheld`: those to which nothing was sent because they did not
  * answer as their model. An older stop stays in the list until it is confirmed, dismissed, or sent again. */
 export const stops = signal([]);
@@ -30,9 +30,11 @@ const underWay = new Map();
 
 const PATHS = { drive: (id) => drivePath(id, "/stop"), group: (id) => groupPath(id, "/stop"), all: () => "/stop" };
 
-export function targetName({ kind, id }) {
-  if (kind === "all") return t("page.stop_scope_all");
-  return kind === "drive" ? driveTitle(id) : groupTitle(id);
+const viewOf = ({ kind, id }) => (kind === "drive" ? drive(id) : group(id));
+
+/** Name of what is stopped; after the end of a session, which drops its drives, by the `title` from before. */
+export function targetName({ kind, id, title }) {
+  return kind === "all" ? t("page.stop_scope_all") : titleOf(viewOf({ kind, id }).value ?? { id, title });
 }
 
 /** Whether a new stop replaces the result of an older one: it stops at least the same drives. */
@@ -46,6 +48,9 @@ const isSettled = (entry) => entry.phase === "done" && entry.good && !entry.ackn
 /** Stops whose result is to be read: the newest, and each older one that is not confirmed. */
 export const shownStops = () => stops.value.filter((entry, n) => n === 0 || !isSettled(entry));
 
+/** Stops of which nothing good is known yet. */
+export const openStops = () => stops.value.filter((entry) => entry.phase !== "done" || !entry.good);
+
 export function dismissStop(id) {
   stops.value = stops.peek().filter((one, n) => one.id !== id && (n === 0 || !isSettled(one)));
 }
@@ -58,7 +63,8 @@ function change(id, fields) {
  * "quick_stop". `assume_model` sends it also to a station that has not answered as its model. Never raises. */
 export async function stop(kind, id = null, how = "stop", { assume_model = false } = {}) {
   const entryId = ++count;
-  const entry = { id: entryId, target: { kind, id }, how, phase: "sending", good: null, text: null, time_ms: serviceNow() };
+  const target = { kind, id, title: id === null ? undefined : viewOf({ kind, id }).peek()?.title };
+  const entry = { id: entryId, target, how, phase: "sending", good: null, text: null, time_ms: serviceNow() };
   const replaced = stops.peek().filter((one) => covers(entry.target, one.target));
   setTimeout(() => replaced.forEach(({ id: replacedId }) => underWay.get(replacedId)?.abort()), REPLACED_STOP_MS);
   stops.value = [entry, ...stops.peek().filter((one) => !isSettled(one) && !replaced.includes(one))];

@@ -3,6 +3,8 @@ import { html, useEffect, useRef, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { ErrorNote, Field, Notice, PasswordField, useRequest } from "../ui.js";
 import { endText, hasEnded, login, session, setUp } from "../session.js";
+import { StopResult } from "../control/stop-bar.js";
+import { openStops } from "../control/stops.js";
 import { PreferenceButtons } from "../preference-buttons.js";
 import { MIN_PASSWORD_LENGTH, passwordHelp } from "../settings/password.js";
 
@@ -46,7 +48,8 @@ const UsersMissing = () => html`<div class="login"><h1>${t("page.log_in")}</h1>
 /** `error`: the error of a login code in the address. */
 export function Login({ error }) {
   return html`<main class="loginpage"><p class="brand">drivebus</p><${ErrorNote} error=${error} />
-    ${hasEnded.value && html`<${Notice} kind="warning" live><span data-text="session-ended">${endText.value ? localized(endText.value) : t("page.session_ended")}${t("language.between_sentences")}${t("page.session_ended_stops")}</span><//>`}
+    ${hasEnded.value && html`<${Notice} kind="warning" live><span data-text="session-ended">${endText.value ? localized(endText.value) : t("page.session_ended")}${t("language.between_sentences")}${t("page.session_ended_stops")}</span><//>
+      ${openStops().map((entry) => html`<${StopResult} key=${entry.id} entry=${entry} />`)}`}
     ${session.value.users_missing ? html`<${UsersMissing} />`
       : session.value.setup ? html`<${SetUpForm} />` : html`<${LoginForm} />`}
     <div class="prefs"><${PreferenceButtons} /></div></main>`;
