@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from math import isinf
 from typing import Any, Literal
 
 from drivebus.i18n import LANGUAGES, ListParts, join, text
@@ -23,11 +24,11 @@ DECIMAL_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?"
 def parse_decimal(text: str) -> float:
     """Return a number that a user typed. Raises ValueError for another notation, which ``float`` may read as a number.
 
-    ``float("1_0")`` is ten, where a point or a second digit may have been meant.
+    ``float("1_0")`` is ten, where a point or a second digit may have been meant; 400 digits are infinite.
     """
-    if DECIMAL_NUMBER.fullmatch(text) is None:
+    if DECIMAL_NUMBER.fullmatch(text) is None or isinf(number := float(text)):
         raise ValueError(text)
-    return float(text)
+    return number
 
 
 _TRUE, _FALSE = frozenset({"true", "yes", "on", "1"}), frozenset({"false", "no", "off", "0"})

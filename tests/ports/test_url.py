@@ -108,6 +108,7 @@ def test_a_bare_sim_url_is_answered_with_the_models_that_can_be_simulated() -> N
         ("COM3?baud=１２００", "ports.baud", "１２００"),
         ("COM3?baud=-9600", "ports.baud", "-9600"),
         ("COM3?baud=49", "ports.baud", "49"),
+        ("COM3?baud=" + "9" * 5_000, "ports.baud", "9" * 5_000),
         ("COM3?format=9Z1", "ports.format", "9Z1"),
         ("COM3?baud", "ports.query", "baud"),
         ("COM3?baud=1200&baud=9600", "ports.query_twice", "baud=1200&baud=9600"),

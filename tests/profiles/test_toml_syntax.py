@@ -36,6 +36,19 @@ FAULTS = [
     ('a = "C:\\dir"', "a.toml:1", "\\\\ for a backslash", "反斜杠写作 \\\\"),
     ('a = "\x01"', "a.toml:1", "no control character", "不含控制字符"),
     ("a = 2026-02-30", "a.toml:1", "a date that exists", "存在的日期"),
+    (
+        't = "' + "9" * 30 + '"\na = ' + "9" * 5_000,
+        "a.toml:2",
+        "a number with fewer digits (column 5)",
+        "位数更少的数字",
+    ),
+    (
+        "a = [1, 0x" + "F" * 5_000 + "]",
+        "a.toml:1",
+        "a number with fewer digits (column 9)",
+        "位数更少的数字（第 9 列）",
+    ),
+    ("a = -" + "9" * 20, "a.toml:1", "a number with fewer digits", "位数更少的数字"),
     ("a = " + "[" * 50_000, "a.toml:1", "fewer brackets", "更少的括号"),
 ]
 

@@ -33,6 +33,7 @@ _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
 _SCHEME_WITHOUT_SLASHES = re.compile(r"(sim|tcp|rfc2217|replay):/?([^/].*)", re.IGNORECASE)
 _SIMULATED = re.compile(r"\w+@[0-9][0-9,-]*")
 _COM = re.compile(r"(?:\\\\\.\\)?COM[0-9]{1,3}", re.IGNORECASE)
+_BAUD = re.compile(r"[0-9]{1,7}")
 _HOST_AND_PORT = re.compile(r"[\w.-]+:\d{1,5}")
 _NAME_IN_DEV = re.compile(r"tty|serial/by-|rfcomm|cu\.")
 
@@ -206,7 +207,7 @@ def _query(text: str, query: str) -> dict[str, str]:
 
 
 def _settings(text: str, baud: str, format: str) -> SerialSettings:
-    if not (baud.isascii() and baud.isdigit()) or not 50 <= int(baud) <= 4_000_000:
+    if not _BAUD.fullmatch(baud) or not 50 <= int(baud) <= 4_000_000:
         raise PortUrlError("ports.baud", port=text, found=baud, expected="50 … 4000000")
     try:
         return SerialSettings.parse(int(baud), format)

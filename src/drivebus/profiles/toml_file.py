@@ -35,6 +35,10 @@ _FIRST_WORD = re.compile(rf"""\s*(\[{{1,2}}{_DOTTED}\]{{0,2}}|"[^"]*"|'[^']*'|[^
 _STRING = re.compile(r'"""(?:[^\\]|\\.)*?"""|\'\'\'.*?\'\'\'|"(?:[^"\\\n]|\\.)*"|\'[^\'\n]*\'|#[^\n]*', re.DOTALL)
 
 
+_LONG_INTEGER = re.compile(
+    r"(?<![\w.+-])[+-]?(0x(_?[0-9A-Fa-f]){17,}|0o(_?[0-7]){23,}|0b(_?[01]){65,}|(_?[0-9]){20,})(?![\w.-]|[ \t]*=)"
+)
+"""Integer beyond the 64 bits of TOML; Python converts none of more than 4,300 decimal digits to a text or back."""
 _SYNTAX_FAULTS = (
     ("Expected '=' after a key", "equals"),
     ("Invalid value", "value"),
@@ -77,6 +81,11 @@ def decode_toml(raw: bytes) -> tuple[str, dict[str, Any]]:
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
         raise TomlFault(issue("encoding", (), f"{raw[error.start]:02X}H"), line) from None
+    if _LONG_INTEGER.search(text) and (number := _LONG_INTEGER.search(_STRING.sub(_blank_match, text))):
+        line, column = text.count("\n", 0, number.start()) + 1, number.start() - text.rfind("\n", 0, number.start())
+        expected = bilingual_text("profiles.toml.number")
+        word = _first_word(text.split("\n")[line - 1])
+        raise TomlFault(issue("toml", (), word, column=column, expected=expected), line)
     try:
         return text, tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -73,6 +73,11 @@ def test_a_text_whose_password_cannot_be_hidden_is_not_shown(line: str) -> None:
     assert rejected.value.key == "plant.password_in_file"
 
 
+def test_a_text_with_a_number_of_thousands_of_digits_is_shown_without_its_password() -> None:
+    text = f'a = {"9" * 5_000}\n[history]\nurl = "postgresql://u:hunter2@h/d"\n'
+    assert redact_text(text, "plant.toml") == text.replace("hunter2", "…")
+
+
 def test_a_hidden_password_is_no_difference_to_the_one_in_use() -> None:
     url = "postgresql://u:hunter2@h/d"
     text = f'[history]\nurl = "{url}"\n'

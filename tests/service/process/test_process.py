@@ -378,7 +378,9 @@ def test_stop_all_without_permission_does_not_say_that_no_service_answers(
 
 
 @pytest.mark.parametrize(
-    "wrong", ["", '[drive.x]\nmodel = "c999"\n', "[drive.x\n", 'title = "no end\n', "[plant]\n"], ids=range(5)
+    "wrong",
+    ["", f"x = {'9' * 5_000}\n", '[drive.x]\nmodel = "c999"\n', "[drive.x\n", 'title = "no end\n', "[plant]\n"],
+    ids=range(6),
 )
 def test_an_error_in_the_file_does_not_prevent_a_stop_of_all_drives(
     wrong: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -89,12 +89,12 @@ async def test_a_start_with_a_wrong_parameter_is_rejected_and_not_executed(body:
     assert plant.records == [], "only the service and the middleware write the audit trail"
 
 
-@pytest.mark.parametrize("number", ["NaN", "-Infinity", "1e999"])
+@pytest.mark.parametrize("number", ["NaN", "-Infinity", "1e999", "9" * 5_000])
 async def test_a_number_beyond_a_double_is_rejected_also_under_an_unknown_name(number: str) -> None:
     """RFC 8259, section 6: NaN and Infinity are not JSON, and a number beyond a double has no portable meaning."""
     answer = await ask(FakeService(), "POST", RUN, content=f'{{"anything": {number}}}'.encode())
     assert answer.status_code == 422
-    assert answer.json()["error"]["params"] == {"problem": number}
+    assert answer.json()["error"]["params"] == {"problem": number[:40]}
 
 
 async def test_a_whole_number_may_be_written_with_a_point() -> None:

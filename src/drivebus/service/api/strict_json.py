@@ -8,6 +8,7 @@ from typing import Any
 
 from drivebus.types import Json
 
+_MAX_INTEGER_DIGITS = 1000  # Python converts no text of more than 4,300 digits to a number
 _MAX_EXACT_INTEGER = 2**53  # a double holds every whole number below it
 
 
@@ -30,6 +31,7 @@ def parse_json(text: bytes | str) -> Any:
             text.decode("utf-8") if isinstance(text, bytes) else text,
             object_pairs_hook=_object,
             parse_constant=_reject_number,
+            parse_int=_parse_integer,
             parse_float=_parse_float,
         )
     except MalformedJson:
@@ -47,6 +49,10 @@ def _object(pairs: list[tuple[str, Any]]) -> Json:
 
 def _reject_number(text: str) -> float:
     raise MalformedJson(text[:40])
+
+
+def _parse_integer(text: str) -> int:
+    return int(text) if len(text) <= _MAX_INTEGER_DIGITS else int(_reject_number(text))
 
 
 def _parse_float(text: str) -> float:

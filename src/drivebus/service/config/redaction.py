@@ -32,7 +32,7 @@ def redact_text(text: str, source: str) -> str:
     redacted_text = redact_url(_SECRET_VALUE.sub(rf'\1"{HIDDEN}"', text))
     try:
         unsafe = _has_password(tomllib.loads(redacted_text))
-    except (tomllib.TOMLDecodeError, RecursionError):  # a fault of the file, which the user should be able to see
+    except (ValueError, RecursionError):  # a fault of the file, which the user should be able to see
         lines = zip(text.split("\n"), redacted_text.split("\n"), strict=True)
         unsafe = any(_may_show_password(line, redacted) for line, redacted in lines)
     if unsafe:
@@ -57,7 +57,7 @@ def _may_show_password(line: str, redacted: str) -> bool:
         return False
     try:
         return "\\" in line or _has_password(tomllib.loads(redacted))
-    except (tomllib.TOMLDecodeError, RecursionError):
+    except (ValueError, RecursionError):
         return True
 
 
