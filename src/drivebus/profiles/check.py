@@ -274,6 +274,8 @@ def _check_options(profile: ProfileFile) -> Iterator[Issue]:
         if name not in options:
             known = listed_values(nearest_names(name, options) or options)
             yield issue("unknown_key", ("options", name, "value"), name, known=known)
+        elif option.span and option.span[0] > option.span[1]:
+            yield issue("minimum", ("options", name, "span"), option.span[0], maximum=option.span[1])
         elif (option.choices or option.span) and not is_choice(option.value, option.choices, option.span):
             span = [f"{option.span[0]}-{option.span[1]}"] if option.span else []
             yield issue(
