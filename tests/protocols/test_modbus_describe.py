@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from drivebus import i18n
 from drivebus.protocols.describe import FrameDescription
 from drivebus.protocols.modbus import describe
 from drivebus.protocols.modbus.rtu import build_frame
@@ -130,12 +131,26 @@ def test_only_registers_have_an_even_count_of_octets() -> None:
         ("01 01 01 05", None),
         ("01 01 02 05 06", None),
         ("01 03 02 00 05", None),
-        ("01 03 03 00 05 06", "modbus.byte_count"),
-        ("01 04 01 00 00", "modbus.byte_count"),
+        ("01 03 03 00 05 06", "modbus.odd_byte_count"),
+        ("01 04 01 00 00", "modbus.odd_byte_count"),
         ("01 03 00 00", "modbus.byte_count"),
     ):
         found = describe(frame(octets), "rtu", "response")
         assert [name for name, _ in found.problems] == ([key] if key else []), octets
+
+
+@pytest.mark.parametrize(
+    ("octets", "words"),
+    [
+        ("01 03 FF 00", "byte count 255 received, an even number expected: each register has two bytes"),
+        ("01 04 00", "byte count 0 received, 2 expected"),
+        ("01 01 00", "byte count 0 received, 1 expected"),
+    ],
+)
+def test_a_wrong_byte_count_is_not_answered_with_one_that_no_reply_can_have(octets: str, words: str) -> None:
+    """Of 255 the sentence expected 256, which one byte can't hold, and of 0 one byte of a register."""
+    ((key, params),) = describe(frame(octets), "rtu", "response").problems
+    assert i18n.text(key, "en", **params) == words
 
 
 def test_a_request_has_no_exception_whatever_its_function() -> None:

@@ -147,8 +147,10 @@ def _standalone_length(octets: bytes, *, short: bool, form: ReplyForm) -> int:
         return FIXED_PDU.size
     if function not in READ_FUNCTIONS:
         raise CodeError("modbus.unknown_function", expected=("1-6", "8", "15", "16"), found=function)
-    if (count == 0 and form.error_form != "short") or (function in REGISTER_FUNCTIONS and count % 2):
-        raise LengthError("modbus.byte_count", expected=count + 1, found=count)
+    if count == 0 and form.error_form != "short":
+        raise LengthError("modbus.byte_count", expected=2 if function in REGISTER_FUNCTIONS else 1, found=count)
+    if function in REGISTER_FUNCTIONS and count % 2:
+        raise LengthError("modbus.odd_byte_count", found=count)
     return head + count
 
 
