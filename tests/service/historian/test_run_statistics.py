@@ -179,6 +179,7 @@ DAMAGED = [
     '{"faults": null}',
     '{"faults": {"E-3": ' + "9" * 400 + "}}",
     '{"turned": "yes"}',
+    '{"starts": ' + "9" * 5_000 + "}",
     '{"turned": 1}',
     '{"fault": 3}',
     "[]",

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
+from pydantic import Field, StrictBool, TypeAdapter, ValidationError
 
 from drivebus import i18n
 from drivebus.clock import wall_ms
@@ -27,18 +28,17 @@ SAVE_INTERVAL_S = 60.0  # hours and energy that a killed service loses at most; 
 LOAD_RETRY_S = 10.0
 LOAD_TIMEOUT_S = 1.0  # a database that does not answer delays the start of the service by no more
 MAX_COUNT = 2**53  # a stored number beyond it was not counted here
-StoredInt = Annotated[int, Field(ge=-MAX_COUNT, le=MAX_COUNT)]
-StoredFloat = Annotated[float, Field(ge=-MAX_COUNT, le=MAX_COUNT)]
+StoredInt = Annotated[int, Field(strict=True, ge=-MAX_COUNT, le=MAX_COUNT)]
+StoredFloat = Annotated[float, Field(strict=True, ge=-MAX_COUNT, le=MAX_COUNT, allow_inf_nan=False)]
 MAX_OBSERVATION_GAP_S = 5.0
 """The time between two observations counts only up to this."""
 
 _RUNNING_TIME_STATES = frozenset(state for state in DriveState if state.turning and state is not DriveState.PAUSED)
 
 
-class RunStatistics(BaseModel):
+@dataclass(slots=True)
+class RunStatistics:
     """Numbers of one drive since ``since_ms``, in UTC milliseconds."""
-
-    model_config = ConfigDict(strict=True, allow_inf_nan=False)
 
     since_ms: StoredInt | None = None
     running_s: StoredFloat | None = None
@@ -47,22 +47,23 @@ class RunStatistics(BaseModel):
     """Energy of the drive's output; energy of a braking motor is subtracted."""
     maximum_current_a: StoredFloat | None = None
     maximum_temperature_c: StoredFloat | None = None
-    faults: dict[str, StoredInt] = Field(default_factory=dict)
+    faults: dict[str, StoredInt] = field(default_factory=dict)
     """Fault code → number of trips."""
-    turned: bool | None = None
+    turned: StrictBool | None = None
     """Whether the motor turned at the last observation with a known state."""
     fault: str | None = None
     """Fault code at that observation."""
-    _observed_at: float | None = PrivateAttr(None)
-    _power_kw: float | None = PrivateAttr(None)
+    _observed_at: float | None = field(default=None, init=False, compare=False)
+    _power_kw: float | None = field(default=None, init=False, compare=False)
 
-    @classmethod
-    def from_document(cls, stored: Any) -> RunStatistics:
+    @staticmethod
+    def from_document(stored: Any) -> RunStatistics:
         """Return stored statistics; unknown fields are ignored. Raises ValidationError for anything else."""
-        return cls.model_validate(stored)
+        return _ADAPTER.validate_python(stored)
 
     def to_document(self) -> Json:
-        return self.model_dump()
+        document: Json = _ADAPTER.dump_python(self, exclude=_NOT_STORED)
+        return document
 
     @property
     def counts(self) -> tuple[int, int]:
@@ -120,6 +121,10 @@ class RunStatistics(BaseModel):
             "faults": dict(self.faults),
             "since_ms": self.since_ms,
         }
+
+
+_ADAPTER = TypeAdapter(RunStatistics)
+_NOT_STORED = {"_observed_at", "_power_kw"}  # they are of the last observation, and only for the next one
 
 
 def _good_value(signal: SignalView | None, unit: str) -> float | None:
