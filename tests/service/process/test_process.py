@@ -64,11 +64,11 @@ def write(tmp_path: Path, *more: str) -> Path:
 
 @contextmanager
 def running_service(
-    file: Path, *words: str, prefix: Sequence[str] = (), **environment: str
+    file: Path, *words: str, prefix: Sequence[str] = (), command: Sequence[str] = COMMAND, **environment: str
 ) -> Iterator[subprocess.Popen[str]]:
     """A service process that is ready."""
     process = subprocess.Popen(
-        [*prefix, *COMMAND, "serve", str(file), *words],
+        [*prefix, *command, "serve", str(file), *words],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -88,12 +88,12 @@ def command(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([*COMMAND, *words], capture_output=True, text=True, check=False)
 
 
-async def wait_until_stopped(client: SocketClient, drive: str) -> dict[str, Any]:
-    """Return the view of a drive once its state is read as stopped."""
+async def wait_until_state(client: SocketClient, drive: str, state: str) -> dict[str, Any]:
+    """Return the view of a drive once its state is read as the given one."""
     while True:
         found = {view["id"]: view for view in (await client.call("drives.list", {}, ME))["drives"]}
-        if found.get(drive, {}).get("state") == "stopped":
-            return found[drive]
+        if found.get(drive, {}).get("state") == state:
+            return dict(found[drive])
         await asyncio.sleep(0.1)
 
 
@@ -149,10 +149,10 @@ def test_a_service_runs_once_reloads_its_file_and_stops_its_drives_at_the_end(tm
 
         async def scenario() -> None:
             client = SocketClient(state / "plant.sock")
-            await wait_until_stopped(client, "fan-1")
+            await wait_until_state(client, "fan-1", "stopped")
             write(tmp_path, SECOND)
             process.send_signal(signal.SIGHUP)
-            await wait_until_stopped(client, "fan-2")
+            await wait_until_state(client, "fan-2", "stopped")
             for drive in ("fan-1", "fan-2"):
                 await client.call("waiver.grant", {"drive": drive, "reason": "test bench"}, ME)
             await client.call("drive.run", {"drive": "fan-1", "frequency_hz": 20.0}, ME)
@@ -191,7 +191,7 @@ def test_a_service_with_a_read_only_directory_stops_and_refuses_what_it_cannot_r
 
     async def scenario() -> None:
         client = SocketClient(socket_path(state, SERVICE_SOCKET))
-        await wait_until_stopped(client, "fan-1")
+        await wait_until_state(client, "fan-1", "stopped")
         assert (await stop._request_stop(state))["outcomes"]["fan-1"]["status"] == "confirmed"
         await client.call("start_inhibit.release", {"drive": "fan-1"}, ME)
         await client.call("drive.set_frequency", {"drive": "fan-1", "frequency_hz": 10.0}, ME)
@@ -305,7 +305,7 @@ def test_a_killed_web_process_is_started_again_and_the_service_goes_on(tmp_path:
         client = SocketClient(state / "plant.sock")
 
         async def scenario() -> None:
-            await wait_until_stopped(client, "fan-1")
+            await wait_until_state(client, "fan-1", "stopped")
             await client.close()
 
         asyncio.run(scenario())
@@ -318,32 +318,56 @@ def test_a_killed_web_process_is_started_again_and_the_service_goes_on(tmp_path:
         assert not Path(f"/proc/{another}").exists()
 
 
+LONG_END = (
+    "from drivebus.service.control import stops; stops.SERVICE_STOP_TIMEOUT_S = 10.0;"
+    "from drivebus.__main__ import main; main()"
+)
+"""The command ``drivebus`` whose service waits ten seconds for the stops at its end."""
+C320_WITH_DECELERATION_TIME = """
+format = 1
+extends = "c320"
+[parameters."F0.9"]
+text = "deceleration time"
+unit = "s"
+factor = 0.1
+minimum = 0.1
+maximum = 6000.0
+evidence = "user: the simulated drive"
+"""
+
+
 def test_the_page_can_stop_drives_until_the_stops_of_an_ending_service_are_done(tmp_path: Path) -> None:
     """It was gone at once: for up to three seconds no page could stop a drive that the service leaves running."""
     held = '[drive.fan-2]\nbus = "a"\naddress = 2\nmodel = "c320"\non_service_stop = "hold"\n'
     file, state = write(tmp_path, held), tmp_path / "state"
-    file.write_text(file.read_text().replace("ramp=0.5", "ramp=20"))
+    (tmp_path / "slow.toml").write_text(C320_WITH_DECELERATION_TIME)
+    file.write_text(file.read_text().replace('model = "c320"', 'model = "./slow.toml"', 1))
     UserFile(state / "users.json").change(lambda _: user_database())
-    with running_service(file) as process:
+    with running_service(file, command=[sys.executable, "-c", LONG_END]) as process:
         assert process.stdout is not None
         page = process.stdout.readline().strip() + "/api/v1"
 
         async def start() -> None:
             client = SocketClient(state / "plant.sock")
-            for drive, frequency_hz in (("fan-1", 40.0), ("fan-2", 1.0)):
-                await wait_until_stopped(client, drive)
+            for drive in ("fan-1", "fan-2"):
+                await wait_until_state(client, drive, "stopped")
                 await client.call("waiver.grant", {"drive": drive, "reason": "test bench"}, ME)
-                await client.call("drive.run", {"drive": drive, "frequency_hz": frequency_hz}, ME)
-            await asyncio.sleep(3)
+            await client.call(
+                "parameters.write", {"drive": "fan-1", "values": {"F0.9": 600.0}}, ME
+            )  # deceleration time
+            for drive in ("fan-1", "fan-2"):
+                await client.call("drive.run", {"drive": drive, "frequency_hz": 10.0}, ME)
+                await wait_until_state(client, drive, "running")
             await client.close()
 
         asyncio.run(start())
         process.send_signal(signal.SIGTERM)
         time.sleep(0.7)  # the web process used to end within this time
         with httpx.Client(headers={"Authorization": f"Bearer {token(Role.OPERATOR)}"}, timeout=20) as browser:
-            assert browser.get(f"{page}/drives/fan-1").json()["state"] == "decelerating"
-            with suppress(httpx.HTTPError):  # on a slow machine the service ends before this stop is confirmed
-                browser.post(f"{page}/drives/fan-2/stop", json={})
+            while browser.get(f"{page}/drives/fan-1").json()["state"] != "decelerating":
+                time.sleep(0.05)
+            answer = browser.post(f"{page}/drives/fan-2/stop", json={})
+        assert (answer.status_code, answer.json()["outcome"]["status"]) == (200, "confirmed")
         _, errors = process.communicate(timeout=20)
         assert process.returncode == ExitCode.UNKNOWN
     assert f"fan-1: {i18n.text('serve.decelerating', 'en')}" in errors, errors
