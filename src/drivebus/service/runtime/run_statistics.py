@@ -36,7 +36,7 @@ MAX_OBSERVATION_GAP_S = 5.0
 _RUNNING_TIME_STATES = frozenset(state for state in DriveState if state.turning and state is not DriveState.PAUSED)
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class RunStatistics:
     """Numbers of one drive since ``since_ms``, in UTC milliseconds."""
 
