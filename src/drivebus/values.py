@@ -31,6 +31,8 @@ def parse_decimal(text: str) -> float:
     return number
 
 
+YES_WORDS = frozenset({"y", "yes", "是"})
+"""Answers that agree to a question, in lower case and half-width characters."""
 _TRUE, _FALSE = frozenset({"true", "yes", "on", "1"}), frozenset({"false", "no", "off", "0"})
 
 

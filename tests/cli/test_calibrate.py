@@ -139,7 +139,7 @@ def test_no_key_but_y_starts_the_motor(
     assert station().motor.starts == 0
 
 
-@pytest.mark.parametrize(("field", "key"), [("b3b2", "f"), ("b2b3", "r")])
+@pytest.mark.parametrize(("field", "key"), [("b3b2", "f"), ("b2b3", "r"), ("b3b2", "Ｆ")])
 def test_the_direction_of_a_df800_is_the_one_that_the_user_reports(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], field: str, key: str
 ) -> None:
@@ -150,7 +150,7 @@ def test_the_direction_of_a_df800_is_the_one_that_the_user_reports(
         station().run_towards = lambda hz: (direct(hz), turned.append(station().motor.target_hz))[0]
 
     def answer() -> str:
-        assert (turned[0] > 0) == (key == "f") and not station().motor.energised, "asked at standstill"
+        assert (turned[0] > 0) == (key in "fＦ") and not station().motor.energised, "asked at standstill"
         return key
 
     options = (f"direction_field={field}",)

@@ -113,6 +113,28 @@ def test_replies_that_are_accepted_with_the_wrong_parity_are_reported(bench: Sim
     assert (found.verdict, found.reason) == (StepResult.FAILED, "acceptance.bad.parity")
 
 
+@pytest.mark.parametrize(
+    ("typed", "is_yes"), [("y", True), ("ｙ　", True), ("Yes", True), ("是", True), ("n", False), ("", False)]
+)
+def test_a_person_agrees_in_full_width_and_in_words_too(
+    monkeypatch: pytest.MonkeyPatch, typed: str, is_yes: bool
+) -> None:
+    """A step was skipped for the y of a Chinese input method, and the whole checklist had to be repeated."""
+
+    async def read_line() -> str:
+        return f"{typed}\n"
+
+    async def confirmed() -> bool:
+        session = acceptance_command.TerminalAcceptance(
+            Target(port="sim://vc660@1", model="vc660", address=1), ShutdownSignal(), motor=False, frequency_hz=5.0
+        )
+        return await session.confirm("acceptance.ask.unplug")
+
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    monkeypatch.setattr(acceptance_command, "_read_line", read_line)
+    assert asyncio.run(confirmed()) is is_yes
+
+
 def owned(path: str) -> StepFinding:
     return asyncio.run(
         run_step(

@@ -7,10 +7,9 @@ import re
 import click
 
 from drivebus.cli import output
-from drivebus.values import half_width
+from drivebus.values import YES_WORDS, half_width
 
 _CHINESE = re.compile("[一-鿿]")
-_YES = frozenset({"y", "yes", "是"})
 _NO = frozenset({"", "n", "no", "否"})
 
 
@@ -33,6 +32,6 @@ def confirm(question: str) -> bool:
     """Return whether the user answers yes; an empty answer is no. Any other answer is asked for again."""
     while True:
         answer = prompt(f"{question} [y/N]", "", show_default=False).lower()
-        if answer in _YES | _NO:
-            return answer in _YES
+        if answer in YES_WORDS | _NO:
+            return answer in YES_WORDS
         output.print_note("cli.found_expected", found=answer, expected=output.text("cli.expect.yes_or_no"))

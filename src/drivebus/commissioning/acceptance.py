@@ -19,7 +19,7 @@ from drivebus.bus.messages import BusRequest
 from drivebus.drives import Drive
 from drivebus.drives.outcome import Outcome
 from drivebus.errors import DrivebusError, StopUnconfirmed
-from drivebus.values import Text
+from drivebus.values import YES_WORDS, Text
 
 T = TypeVar("T")
 StepOutcome = tuple[bool | None, dict[str, Any]]
@@ -75,11 +75,11 @@ class AcceptanceSession(ABC):
 
     @abstractmethod
     async def ask(self, key: str, /, **params: Any) -> str:
-        """Return the line typed after a question, in lower case; empty without a terminal."""
+        """Return the line typed after a question, in lower case and half-width characters; empty without a terminal."""
 
     async def confirm(self, key: str, /, **params: Any) -> bool:
-        """Return whether the answer is y."""
-        return await self.ask(key, **params) == "y"
+        """Return whether the answer is yes."""
+        return await self.ask(key, **params) in YES_WORDS
 
 
 class StepRequirement(StrEnum):

@@ -44,7 +44,7 @@ class CalibrationSession:
 
     async def confirmed(self, question: str, **params: Any) -> bool:
         """Return whether the answer is y."""
-        return await self.key(question, **params) in ("y", "Y")
+        return half_width(await self.key(question, **params) or "").lower() == "y"
 
 
 async def _calibrate(target: Target) -> ExitCode:
