@@ -48,6 +48,18 @@ def test_a_speed_that_stays_far_from_the_commanded_one_is_remarked_on_once(hz: f
     assert remarks(RunWatch(10.0, FORWARD, STARTED_AT), *[status(hz)] * 40) == [key]
 
 
+@pytest.mark.parametrize("commanded_hz", [0.5, 0.1])
+def test_an_output_of_0_hz_is_remarked_on_at_a_low_frequency_too(commanded_hz: float) -> None:
+    """A C320 is capped at 0.5 Hz until its step is known; one that stood still there was not remarked on."""
+    assert remarks(RunWatch(commanded_hz, FORWARD, STARTED_AT), *[status(0.0)] * 11) == ["run.zero_speed"]
+    assert remarks(RunWatch(commanded_hz, FORWARD, STARTED_AT), *[status(commanded_hz)] * 40) == []
+
+
+def test_an_output_of_0_hz_is_no_other_speed_where_0_hz_or_less_than_a_step_was_commanded() -> None:
+    for commanded_hz in (0.0, 0.05):
+        assert remarks(RunWatch(commanded_hz, FORWARD, STARTED_AT), *[status(0.0)] * 40) == []
+
+
 def test_a_drive_that_accelerates_slowly_or_reaches_its_speed_is_not_remarked_on() -> None:
     slow = [status(0.014 * turn, state=DriveState.ACCELERATING) for turn in range(600)]
     assert remarks(RunWatch(50.0, FORWARD, STARTED_AT), *slow) == []

@@ -11,6 +11,7 @@ SPEED_PROGRESS_HZ = 0.02  # a smaller step toward the commanded frequency is no 
 SPEED_PROGRESS_TIMEOUT_S = 5.0  # without progress for so long the speed is steady (3,600 s ramp: 0.07 Hz in 5 s)
 OTHER_SPEED_SHARE = 0.1  # difference as a share of the commanded frequency; slip compensation is well below it
 MIN_OTHER_SPEED_HZ = 0.5  # least difference, which counts at low frequencies
+MIN_TURNING_HZ = 0.1  # from here on a turning motor is not read as 0 Hz: most drives count 0.1 Hz or less
 
 
 class SpeedProgress:
@@ -63,7 +64,8 @@ class SpeedDifference:
             return
         self.found_hz, self.found_at = float(reading.value), reading.source_time
         difference_hz = abs(self.found_hz - commanded_hz)
-        if difference_hz <= max(MIN_OTHER_SPEED_HZ, OTHER_SPEED_SHARE * commanded_hz):
+        stands = self.found_hz == 0 and commanded_hz >= MIN_TURNING_HZ
+        if not stands and difference_hz <= max(MIN_OTHER_SPEED_HZ, OTHER_SPEED_SHARE * commanded_hz):
             self._progress = self.since = None
             return
         self._progress = self._progress or SpeedProgress(self.found_at)
