@@ -14,6 +14,7 @@ from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.dialects.status_word import status_direction, status_state
 from drivebus.drives.readings import ReadingPairs
 from drivebus.drives.state import Direction
+from drivebus.profiles.model import SETPOINT_STEP
 from drivebus.protocols.codec import Complete, Effect
 from drivebus.simulator.models.catalog import simulated_models
 from drivebus.values import Quality
@@ -42,6 +43,8 @@ def dialect_of(line: dict[str, Any]) -> Any:
     dialect = create_dialect(profile, address, encoding=encoding)
     if profile.setpoint_share is not None:
         dialect.set_option("maximum_frequency", line["meaning"].get("maximum_hz", 50.0))
+    if SETPOINT_STEP in {question.name for question in profile.open_questions}:  # the frames are of this very model
+        dialect.set_option(SETPOINT_STEP, f"{profile.setpoint_scale.factor:g}")
     return dialect
 
 
