@@ -36,6 +36,30 @@ def test_a_new_urgent_alarm_is_announced_once_on_every_page(stage: Stage, visit:
         expecting()(page.locator("[data-text=alarm]")).to_have_text("")  # not longer than it may be true
 
 
+STORM = """async () => {
+  const { applyDelta } = await import('/static/js/store.js');
+  const active = [];
+  for (let n = 0; n < 20; n += 1) {
+    const title = { en: `T${n}`, zh: `T${n}` };
+    active.push({ id: `x${n}`, kind: 'fault', drive: 'fan-1', priority: 'critical', title, text: title,
+      cleared_ms: null, acknowledged_ms: null, shelved_until_ms: null, raised_ms: n });
+    applyDelta({ topics: { alarms: { active: [...active] } } });
+    await new Promise((resolve) => { setTimeout(resolve, 50); });
+  }
+}"""
+"""Script: 20 alarms within a second."""
+
+
+def test_alarms_that_follow_each_other_closely_are_announced_together(visit: Any) -> None:
+    """Regression: in a storm each text interrupted the one before, and none was read out."""
+    page = visit("#/settings")
+    page.locator("main h1").wait_for()
+    page.evaluate(COUNTED)
+    page.evaluate(STORM)
+    assert page.evaluate("window.announced.length") < 5
+    page.wait_for_function("() => window.announced.length > 1 && window.announced.at(-1).includes('T19')")
+
+
 SILENT = """(left_ms) => import("/static/js/drive/comm-loss-test.js").then(async ({ CommLossTest }) => {
   const [{ html, render }, { serviceNow }] = await Promise.all(
     ["lib", "store"].map((one) => import(`/static/js/${one}.js`)));

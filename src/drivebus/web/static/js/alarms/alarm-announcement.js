@@ -7,6 +7,8 @@ import { alarmLine } from "./alarm-strip.js";
 
 /** Time of the text on the page: long enough to be announced, and gone before it could outlast its alarm. */
 const SHOWN_MS = 10_000;
+/** Time in which a text can be read out before the next one. */
+const MIN_INTERVAL_MS = 4000;
 
 const announced = signal("");
 
@@ -18,18 +20,27 @@ function announcement(alarms) {
   return others > 0 ? `${line} · ${t("page.more_alarms", { n: others })}` : line;
 }
 
-/** Announce each alarm once. */
+/** Announce each alarm once; those that follow an announcement closely together, because each text interrupts the one before. */
 export function startAlarmAnnouncement() {
   let known = new Set();
-  let timer = null;
+  let pending = [];
+  let next = null;
+  let end = null;
+  const announce = () => {
+    next = null;
+    if (pending.length === 0) return;
+    announced.value = announcement(pending);
+    pending = [];
+    clearTimeout(end);
+    end = setTimeout(() => { announced.value = ""; }, SHOWN_MS);
+    next = setTimeout(announce, MIN_INTERVAL_MS);
+  };
   effect(() => {
     const urgent = uncleared(urgentAlarms());
-    const news = urgent.filter((alarm) => !known.has(alarm.id));
+    const isPending = new Set(pending.map((alarm) => alarm.id));
+    pending = urgent.filter((alarm) => isPending.has(alarm.id) || !known.has(alarm.id));
     known = new Set(urgent.map((alarm) => alarm.id));
-    if (news.length === 0) return;
-    announced.value = announcement(news);
-    clearTimeout(timer);
-    timer = setTimeout(() => { announced.value = ""; }, SHOWN_MS);
+    if (next === null) announce();
   });
 }
 
