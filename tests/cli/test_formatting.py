@@ -15,6 +15,7 @@ from drivebus.cli.formatting import fault_text, format_reading, format_value, ou
 from drivebus.cli.output import format_duration
 from drivebus.cli.scanning import ScanProgressBar, assumed_models_texts, print_scan
 from drivebus.commissioning.scan import DetectedDrive, ScanProgress, SniffResult
+from drivebus.drives.dialects.base import Identity
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import DriveState, DriveStatus, Fault
 from drivebus.errors import HeaderError
@@ -155,6 +156,14 @@ def test_a_scan_notes_how_models_that_look_alike_count_their_frequency(
     print_scan("x", ScanProgress(total_s=1.0, found=[drive]), None, ExitCode.DONE)
     shown = " ".join(capsys.readouterr().out.split())
     assert ("alike" in shown) is doubtful and "".join(note.split()) in "".join(shown.split())
+
+
+def test_the_identity_of_a_drive_that_reports_a_model_code_names_the_models() -> None:
+    """The line was empty for a GD10."""
+    identity = Identity(model="gd200 / gd300", reported=True, models=("gd200", "gd300"))
+    status = DriveStatus(state=DriveState.STOPPED, direction=None, readings={})
+    lines = status_text(status, 0.0, profiles.load("gd200"), identity).splitlines()
+    assert lines[-1].split() == [i18n.text("status.identity", text_layout.language()), "gd200", "/", "gd300"]
 
 
 def test_a_scan_notes_a_look_alike_whose_step_no_source_gives_beside_one_step_that_is_known(

@@ -349,7 +349,7 @@ def test_a_goodrive_20_shows_its_ramp_times() -> None:
 def test_a_status_value_that_no_manual_lists_is_no_state(raw: int) -> None:
     dialect: Any = create_dialect(profiles.load("skf8000"), 3)
     reading = dialect.decode_readings(modbus.ReadRegisters(3, 0x3000, 1), modbus.RegisterValues(3, 3, (raw,)), 1.0)
-    assert reading["state"].reason == "drives.reserved_bits"
+    assert reading["state"].reason == "drives.unlisted_state"  # no bit of it is reserved
 
 
 def test_the_state_is_unknown_until_the_fault_register_was_read() -> None:

@@ -118,8 +118,8 @@ def fault_text(fault: Fault) -> str:
 
 
 def identity_text(identity: Identity) -> str:
-    """Format what a drive reports about itself: rating, its digits, and whether the host controls it."""
-    parts = []
+    """Format what a drive reports about itself: model, rating, its digits, and whether the host controls it."""
+    parts = [" / ".join(identity.models)] if identity.models else []
     if identity.voltage_class_v is not None:
         parts.append(f"{identity.voltage_class_v} V")
     if identity.power_kw is not None:

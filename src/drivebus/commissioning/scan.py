@@ -373,7 +373,7 @@ async def _find_named_by_code(
 def _is_foreign_status(dialect: Dialect, request: Any, reply: Any) -> bool:
     """Return whether the status in a reply has a value, or a reserved bit, that the model does not have."""
     state = dialect.decode_readings(request, reply, None).get("state")
-    return state is not None and state.reason == "drives.reserved_bits"
+    return state is not None and state.reason in ("drives.reserved_bits", "drives.unlisted_state")
 
 
 def _prefer_status_register(fits: Sequence[ScanCandidate]) -> list[ScanCandidate]:

@@ -309,7 +309,8 @@ class ModbusDialect(Dialect):
         raw = span_value(span, values, self._features)
         if raw is not None:
             broken = not is_valid_status(status, raw)
-            quality, reason = (Quality.BAD, "drives.reserved_bits") if broken else (Quality.GOOD, None)
+            broken_reason = "drives.unlisted_state" if status.values else "drives.reserved_bits"
+            quality, reason = (Quality.BAD, broken_reason) if broken else (Quality.GOOD, None)
             readings["state"] = Reading(value=raw, unit="", quality=quality, source_time=at, reason=reason, raw=raw)
             if not broken and self.command_word is not None:
                 reverse, paused = (bool(raw & status.bits.get(name, 0)) for name in ("set_reverse", "paused"))
