@@ -154,7 +154,8 @@ def test_the_direction_of_a_df800_is_the_one_that_the_user_reports(
         return key
 
     options = (f"direction_field={field}",)
-    assert run_calibrate(monkeypatch, "df800", FakeKeys("y", answer), *options, before=watch) is ExitCode.DONE
+    fake = FakeKeys("ｙ" if key == "Ｆ" else "y", answer)
+    assert run_calibrate(monkeypatch, "df800", fake, *options, before=watch) is ExitCode.DONE
     assert f"direction_field = {field}" in capsys.readouterr().out
     assert run_calibrate(monkeypatch, "df800", FakeKeys()) is ExitCode.DONE, "the result is stored"
 

@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
-from drivebus.cli.scanning import ScanRequest, announce_scan
+from drivebus.cli.scanning import ScanRequest, announce_scan, print_scan
 from drivebus.commissioning import scan
 from drivebus.errors import PortLost
 from drivebus.serial_settings import SerialSettings
@@ -81,3 +82,14 @@ def test_a_scan_announces_as_likely_only_what_it_searches(
     shown = " ".join(capsys.readouterr().err.split())
     assert ("The scan takes at most" in shown, "come first" in shown) == (likely is None, likely is not None)
     assert likely is None or f"The likely settings {likely} come first" in shown
+
+
+def test_the_advice_after_a_scan_without_a_drive_fits_the_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was one line of 200 characters, which the terminal broke within its words."""
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    monkeypatch.setattr("drivebus.cli.output.terminal_width", lambda _: 40)
+    print_scan("sim://vc660@3", scan.ScanProgress(total_s=1.0, done_s=1.0), None, ExitCode.FAILED)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("No drive answered.") and max(map(len, lines)) <= 40, lines

@@ -390,10 +390,20 @@ def test_the_counts_of_a_finding_are_a_list_in_the_language_of_the_user() -> Non
     found = StepFinding("soak", StepResult.PASSED, {"reads": 5, "errors": {"late": 2, "no_reply": 1}})
     output.parse_global_options(["--lang", "zh"])
     try:
-        assert "reads=5、errors=late 2、no_reply 1" in acceptance_command._finding_text(found)
+        assert "reads=5、errors=late 2、no_reply 1" in acceptance_command._finding_lines(found)
     finally:
         output.parse_global_options(["--lang", "en"])
-    assert "reads=5, errors=late 2, no_reply 1" in acceptance_command._finding_text(found)
+    assert "reads=5, errors=late 2, no_reply 1" in acceptance_command._finding_lines(found)
+
+
+def test_a_finding_fits_the_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its figures and its reason ran over the edge, where the terminal broke them within a word."""
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    monkeypatch.setattr("drivebus.cli.output.terminal_width", lambda _: 40)
+    found = StepFinding("reply_times", StepResult.FAILED, {"reads": 310, "damaged": 0}, "acceptance.bad.reply_times")
+    acceptance_command._print_finding(found)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) > 4 and max(map(len, lines)) <= 40, lines
 
 
 def test_an_error_of_the_bus_is_a_finding_not_an_end(bench: SimulatedBus) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import copy
-import sys
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
@@ -249,7 +248,7 @@ async def print_comm_loss(drive: Drive) -> None:
     output.print_json(
         {"event": "comm_loss", "stops_on_comm_loss": report.stops_on_comm_loss, "text": text}, stream=True
     )
-    output.print_text(output.wrap_for(text, sys.stdout))
+    output.print_wrapped(text)
 
 
 def monotonic_now() -> float:

@@ -141,6 +141,11 @@ def print_text(ready: str) -> None:
         echo(ready)
 
 
+def print_wrapped(ready: str, indent: int = 0) -> None:
+    """Print a text on standard output, wrapped at the width of its terminal; nothing with ``--json``."""
+    print_text(wrap_for(ready, sys.stdout, indent))
+
+
 def is_blocked() -> bool:
     """Return whether the reader of standard output does not read, so that further output would only wait."""
     background = background_stream(sys.stdout)

@@ -271,7 +271,7 @@ def print_scan(
         output.print_text(_scan_table(progress.found))
     named = (drive.unusable_reply for drive in progress.found if drive.unreadable)  # no other row of the table names it
     for hint in dict.fromkeys(filter(None, (error_hint(error) for error in named if error is not None))):
-        output.print_text(output.wrap_for(hint, sys.stdout))
+        output.print_wrapped(hint)
     _note_unsent(progress)
     if error is not None:
         print_error(error)
@@ -334,7 +334,7 @@ def _note(drive: DetectedDrive) -> str:
 
 def _scan_table(detected: list[DetectedDrive], stream: Any = None) -> str:
     if not detected:
-        return output.text("scan.nothing")
+        return output.wrap_for(output.text("scan.nothing"), stream or sys.stdout)
     head = [output.text(f"scan.{name}") for name in ("address", "model", "encoding", "serial", "note")]
     readable = _readable_rows([drive for drive in detected if not drive.unreadable])
     unreadable = _unreadable_rows([drive for drive in detected if drive.unreadable])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from collections.abc import Iterable, Mapping
 
 from drivebus.cli import output
@@ -65,7 +64,7 @@ def print_outcomes(outcomes: Json, members: Json | None = None, notes: Iterable[
             "drives": outcomes,
         }
     )
-    output.print_text(output.wrap_for(text, sys.stdout))
+    output.print_wrapped(text)
     unknown = {name: outcomes[name].get("text") for name in drives["unknown"]}
     print_reasons({name: text[output.language()] for name, text in unknown.items() if text})
     return exit_code(drives)
@@ -77,4 +76,4 @@ def print_reasons(reasons: Mapping[str, str]) -> None:
     for name, reason in reasons.items():
         drives.setdefault(reason, []).append(name)
     for reason, names in drives.items():
-        output.print_text(output.wrap_for(f"{output.join(names, 'items')}: {reason}", sys.stdout, indent=2))
+        output.print_wrapped(f"{output.join(names, 'items')}: {reason}", indent=2)

@@ -123,7 +123,7 @@ async def _run(target: Target, folder: Path, *, motor: bool, frequency_hz: float
                 findings.append(await run_step(name, session))
                 with output.continue_without_output():  # the report has it
                     output.print_json(_finding_json(findings[-1]), stream=True)
-                    output.print_text(_finding_text(findings[-1]))
+                    _print_finding(findings[-1])
         except AcceptanceInterrupted as interruption:
             with output.continue_without_output():
                 if interruption.stop is not None:
@@ -144,12 +144,20 @@ async def _run(target: Target, folder: Path, *, motor: bool, frequency_hz: float
     return ExitCode.FAILED if failed else ExitCode.DONE if report_error is None else ExitCode.USAGE
 
 
-def _finding_text(finding: StepFinding) -> str:
+def _print_finding(finding: StepFinding) -> None:
+    first, *further = _finding_lines(finding)
+    output.print_wrapped(first)
+    for line in further:
+        output.print_wrapped(line, indent=4)
+
+
+def _finding_lines(finding: StepFinding) -> list[str]:
+    """Return the step with its verdict, then its figures and the reason, where it has any."""
     figures = output.join((f"{name}={_figure_text(value)}" for name, value in _figures(finding).items()), "items")
     reason = output.text(finding.reason) if finding.reason else ""
     step = output.text(f"acceptance.step.{finding.step}")
     parts = [f"[{output.text(f'acceptance.{finding.verdict}')}] {step}", figures, reason]
-    return "\n    ".join(part for part in parts if part)
+    return [part for part in parts if part]
 
 
 def _figure_text(value: Any) -> str:
@@ -192,7 +200,7 @@ def write_report(folder: Path, target: Target, findings: list[StepFinding]) -> N
     text = (
         output.text("acceptance.title", **head)
         + "\n\n"
-        + "\n".join(f"- {_finding_text(one)}" for one in findings)
+        + "\n".join("- " + "\n    ".join(_finding_lines(one)) for one in findings)
         + "\n"
     )
     for suffix, content in ((".json", json.dumps(document, indent=1, ensure_ascii=False) + "\n"), (".md", text)):

@@ -92,7 +92,7 @@ def _print_result(name: str, found: Json, before: Json | None) -> ExitCode:
     why = found["no_result"] and found["no_result"][output.language()]
     output.print_json({"event": "comm_loss_test", "drive": name, "tested": tested, "no_result": why}, stream=True)
     if tested is None:
-        output.print_text(why or output.text("comm_loss_test.nothing", drive=name))
+        output.print_wrapped(why or output.text("comm_loss_test.nothing", drive=name))
         return ExitCode.FAILED
     key = f"comm_loss_test.{tested['result']}"
     output.print_message(key, drive=name, seconds=f"{tested['silence_s']:g}", fault=tested["fault"] or "-")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import connect, options, output
@@ -66,7 +65,7 @@ def _print_report(report: LoopbackReport, *, is_complete: bool) -> None:
         sentences.append(output.text("loopback.repeated", count=report.repetitions))
     if error is not None:
         sentences.append(output.text("loopback.error", why=error))
-    output.print_text(output.wrap_for(output.join(sentences, "sentences"), sys.stdout))
+    output.print_wrapped(output.join(sentences, "sentences"))
 
 
 def _plan(dry: DryRun, count: int) -> ExitCode:

@@ -25,7 +25,7 @@ def _check(file: str) -> None:
     if higher is not None:
         output.print_message("grades.next", grade=higher)
     for lack in lacks:
-        output.print_text(f"  - {lack}")
+        output.print_wrapped(f"- {lack}", indent=2)
 
 
 check = CliCommand(

@@ -164,7 +164,7 @@ def _print_trial(steps: list[TrialStep]) -> None:
         name = output.text(f"profile_new.trial_{step.name}", hz=f"{step.hz:g}")
         detail = "" if step.error is None else step.error.text(output.language())
         result = "profile_new.trial_ok" if step.error is None else "profile_new.trial_failed"
-        output.print_text("  " + output.text(result, name=name, detail=detail))
+        output.print_wrapped(output.text(result, name=name, detail=detail), indent=2)
         for frame in step.frames[:MAX_PRINTED_FRAMES]:
             arrow = "→" if frame.direction == "sent" else "←"
             output.print_text(f"    {arrow} {frame.data.hex(' ').upper()}")

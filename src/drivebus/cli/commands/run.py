@@ -207,7 +207,7 @@ def _print_remark(remark: Remark) -> None:
     text = output.text(remark.key, **remark.params)
     output.print_json({"event": "remark", "key": remark.key, "text": text}, stream=True)
     output.end_live_line()
-    output.print_text(output.wrap_for(text, sys.stdout))
+    output.print_wrapped(text)
 
 
 def _redraw(text: str) -> None:

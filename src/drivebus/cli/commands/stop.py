@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import shlex
-import sys
 from collections.abc import Awaitable, Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -217,7 +216,7 @@ def _print_report(report: StopReport, now: float) -> ExitCode:
             "drives": {str(address): outcome_json(outcome, now) for address, outcome in report.outcomes},
         }
     )
-    output.print_text(output.wrap_for(text, sys.stdout))
+    output.print_wrapped(text)
     language = output.language()
     print_reasons({str(address): each.text(language) for address, each in report.outcomes if not each.succeeded})
     return ExitCode.UNKNOWN if report.lost else exit_code(drives)

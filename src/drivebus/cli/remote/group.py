@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import output
@@ -60,10 +59,10 @@ def _print_outcome(drive: str, data: Json) -> ExitCode:
     if "code" in data:
         error = parse_error_outcome(error_from_json(data))
         output.print_json({"drive": drive} | error_json(error), stream=True)
-        output.print_text(output.wrap_for(f"{drive}: {error_text(error)}", sys.stdout))
+        output.print_wrapped(f"{drive}: {error_text(error)}")
         return exit_code_of(error)
     outcome = parse_outcome({"outcome": data})
     text = outcome_text(outcome) if outcome.succeeded else outcome.text(output.language())
     output.print_json({"drive": drive} | outcome_json(outcome, RemoteBus.now()), stream=True)
-    output.print_text(f"{drive}: {text}")
+    output.print_wrapped(f"{drive}: {text}")
     return outcome_exit_code(outcome)

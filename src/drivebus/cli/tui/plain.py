@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 from drivebus.cli import output
 from drivebus.cli.output import pad
 from drivebus.cli.signals import ShutdownSignal
@@ -18,7 +16,7 @@ async def print_rows(source: RowSource, shutdown: ShutdownSignal, period_s: floa
     await source.start()
     try:
         printed, next_at = 0, 0.0
-        output.print_text(output.wrap_for(source.title, sys.stdout))
+        output.print_wrapped(source.title)
         while True:
             printed = _print_new_messages(source, printed)
             if source.now() >= next_at:
@@ -37,7 +35,7 @@ def _print_new_messages(source: RowSource, printed: int) -> int:
     messages = list(source.messages())
     for text in messages[printed:]:
         output.print_json({"event": text}, stream=True)
-        output.print_text(output.wrap_for(text, sys.stdout))
+        output.print_wrapped(text)
     return len(messages)
 
 
