@@ -141,7 +141,7 @@ def test_the_readme_announces_the_duration_of_a_scan() -> None:
     likely_s, total_s = scan_plan.durations_s(default_plan())
     minutes = math.ceil(total_s / 60)
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert f"settings; 2 min to {minutes} min" in readme and 60 < likely_s <= 95
+    assert f"settings; 2 min, at most {minutes} min" in readme and 60 < likely_s <= 95
 
 
 def test_a_vc660_is_not_taken_for_the_df800_whose_registers_it_has_too() -> None:
