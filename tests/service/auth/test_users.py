@@ -169,6 +169,31 @@ def test_a_token_cannot_have_more_rights_than_its_user() -> None:
         database.with_token(replace(TOKEN, user="unknown"))
 
 
+def test_a_user_has_a_limited_number_of_tokens_and_expired_ones_make_room() -> None:
+    """A thousand tokens of one viewer slowed the requests with tokens of all users down to a third."""
+    database = UserDatabase().with_user(User("li", Role.VIEWER, "x", 0)).with_user(User("wu", Role.VIEWER, "x", 0))
+
+    def token(number: int, user: str = "li", created_ms: int = 0) -> Token:
+        return Token(
+            id=f"{user}-{number}",
+            name="t",
+            user=user,
+            rights=(Right.VIEW,),
+            digest=str(number),
+            created_ms=created_ms,
+            expires_ms=created_ms + 1000 + number,
+        )
+
+    for number in range(100):
+        database = database.with_token(token(number))
+    with pytest.raises(Conflict) as rejected:
+        database.with_token(token(100, created_ms=999))
+    assert rejected.value.key == "auth.too_many_tokens"
+    assert len(database.with_token(token(1, "wu")).tokens) == 101
+    later = database.with_token(token(1, "wu")).with_token(token(100, created_ms=1049))
+    assert [one.id for one in later.tokens] == [*(f"li-{n}" for n in range(50, 100)), "wu-1", "li-100"]
+
+
 def test_a_removed_user_loses_tokens_and_codes() -> None:
     database = UserDatabase().with_user(ADMIN).with_user(User("vera", Role.VIEWER, "$", 1))
     database = database.with_token(replace(TOKEN, user="vera")).with_code(OneTimeCode("c", "vera", 9), 0)
@@ -348,6 +373,38 @@ def test_users_that_another_program_replaces_are_logged(tmp_path: Path, caplog: 
     file.change(lambda database: database.without_user("u00"))
     UserFile(file.path).change(lambda database: database.with_code(OneTimeCode("d", "carl", 9), 1))
     assert file.read().codes and len(caplog.messages) == 1, "a one-time code is no user"
+
+
+def test_concurrent_changes_of_this_program_are_not_logged_as_those_of_another(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A thread may read what it wrote before its newest change: the log named tokens as removed that were not."""
+    file = UserFile(tmp_path / "users.json")
+    file.change(lambda _: UserDatabase().with_user(User("li", Role.VIEWER, "x", 0)))
+    file.read()
+    contents = []
+    for number in range(3):
+        file.change(lambda before, name=f"u{number}": before.with_user(User(name, Role.VIEWER, "x", 0)))  # type: ignore[misc]
+        contents.append(file.path.read_bytes())
+    file.read()
+    for content in contents:
+        file.path.write_bytes(content)
+        file.read()
+    assert not caplog.records
+    other = UserFile(file.path)
+    other.change(lambda before: before.without_user("u1"))
+    assert file.read().find("u1") is None and "u1" in caplog.text
+
+
+def test_a_change_begins_with_the_file_whatever_was_read_before(tmp_path: Path) -> None:
+    """A thread that read an older content a moment ago must not bring a removed user back."""
+    file = UserFile(tmp_path / "users.json")
+    before = file.change(lambda _: UserDatabase().with_user(User("li", Role.VIEWER, "x", 0)))
+    file.read()
+    file.change(lambda present: present.without_user("li"))
+    file.read()
+    file._loaded = file._loaded[0], before
+    assert file.change(lambda present: present.with_user(User("wu", Role.VIEWER, "x", 0))).find("li") is None
 
 
 def test_concurrent_changes_of_two_programs_are_both_stored(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
+from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from fcntl import LOCK_EX, flock
@@ -64,6 +65,10 @@ class Token:
     digest: str
     created_ms: int
     expires_ms: int
+
+
+MAX_TOKENS_PER_USER = 100
+"""Each request with a token searches all of them: without a limit one user could slow down those of everybody."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +139,8 @@ class UserDatabase:
     def with_token(self, token: Token) -> UserDatabase:
         """Add a token. Raises ResourceNotFound for its user, InvalidInput for rights that the user lacks or none, for
         ``operate`` without ``stop``, and for a name that is blank or has control characters, as it is shown to others.
+
+        Raises Conflict beyond ``MAX_TOKENS_PER_USER``; those that have expired make room.
         """
         if CONTROL_CHARACTERS.search(token.name) or is_blank(token.name):
             raise InvalidInput("auth.bad_label", name=CONTROL_CHARACTERS.sub("�", token.name))
@@ -142,7 +149,16 @@ class UserDatabase:
             raise InvalidInput("auth.beyond_role", rights=tuple(sorted(beyond)))
         if Right.OPERATE in token.rights and Right.STOP not in token.rights:
             raise InvalidInput("auth.operate_without_stop")
-        return replace(self, tokens=(*self.tokens, token))
+        kept = self.tokens
+        if self._token_count(token.user) >= MAX_TOKENS_PER_USER:
+            kept = tuple(one for one in kept if one.user != token.user or one.expires_ms > token.created_ms)
+        after = replace(self, tokens=(*kept, token))
+        if after._token_count(token.user) > MAX_TOKENS_PER_USER:
+            raise Conflict("auth.too_many_tokens", name=token.user, most=MAX_TOKENS_PER_USER)
+        return after
+
+    def _token_count(self, user: str) -> int:
+        return sum(one.user == user for one in self.tokens)
 
     def without_token(self, id: str) -> UserDatabase:
         """Remove a token. Raises ResourceNotFound."""
@@ -180,6 +196,7 @@ def _unexpired(codes: Iterable[OneTimeCode], now_ms: int) -> tuple[OneTimeCode, 
 
 
 MAX_LOGGED_NAMES = 10
+MAX_WRITTEN_REMEMBERED = 16  # more than the changes that can be written while a thread reads the file once
 USER_CHANGES = ("log.users_added", "log.users_removed", "log.users_edited")
 TOKEN_CHANGES = ("log.tokens_added", "log.tokens_removed", "log.tokens_edited")
 LOG = logging.getLogger("drivebus.service")
@@ -196,19 +213,19 @@ class UserFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._file_state: tuple[int, int, int] | None = None
-        self._database = UserDatabase()
+        self._loaded: tuple[tuple[int, int, int] | None, UserDatabase] = None, UserDatabase()
+        """State of the file and its content, in one value: another thread reads it while ``change`` runs."""
         self._damage: tuple[tuple[int, int, int], Text] | None = None
         """State of a file with another content, and where its content is wrong: it is not parsed again."""
         self._logged_problem = ""
         """Why the file can't be read now, as it was logged."""
-        self._written = UserDatabase()
-        """Database that this program wrote last; another thread may read it before ``change`` returns."""
+        self._written: deque[UserDatabase] = deque(maxlen=MAX_WRITTEN_REMEMBERED)
+        """Databases that this program wrote; another thread may read one before ``change`` returns, or a later one."""
 
     @property
     def is_missing(self) -> bool:
         """Whether there is no file, and none was read before."""
-        return self._file_state is None and not os.path.lexists(self.path)
+        return self._loaded[0] is None and not os.path.lexists(self.path)
 
     def read(self) -> UserDatabase:
         """Return the database; the file is read again only if it has changed.
@@ -218,29 +235,31 @@ class UserFile:
         try:
             return self._read_if_changed()
         except ConfigurationError as error:
-            if self._file_state is None:
+            if self._loaded[0] is None:
                 raise
             if (problem := str(error)) != self._logged_problem:
                 self._logged_problem = problem
                 LOG.error(i18n.preferred_text("log.users_kept", why=error))
-            return self._database  # a broken edit or a removed file must not prevent a stop
+            return self._loaded[1]  # a broken edit or a removed file must not prevent a stop
 
-    def _read_if_changed(self) -> UserDatabase:
+    def _read_if_changed(self, *, always: bool = False) -> UserDatabase:
+        known_state, known = self._loaded
         try:
             state = self.path.stat()
         except FileNotFoundError as error:
-            if self._file_state is None:
+            if known_state is None:
                 return UserDatabase()
             raise self._unusable_error(SystemReason(error)) from error
         except OSError as error:
             raise self._unusable_error(SystemReason(error)) from error
         fingerprint = (state.st_mtime_ns, state.st_size, state.st_ino)
-        if fingerprint != self._file_state:
-            loaded = self._load(fingerprint)
-            if self._file_state is not None and loaded != self._written:
-                _log_changes(self.path, self._database, loaded)
-            self._database, self._file_state, self._logged_problem = loaded, fingerprint, ""
-        return self._database
+        if fingerprint == known_state and not always:
+            return known
+        loaded = self._load(fingerprint)
+        if known_state is not None and loaded != known and loaded not in self._written:
+            _log_changes(self.path, known, loaded)
+        self._loaded, self._logged_problem = (fingerprint, loaded), ""
+        return loaded
 
     def change(self, change: Callable[[UserDatabase], UserDatabase]) -> UserDatabase:
         """Write the result of ``change`` durably and return it. If ``change`` raises, nothing is written."""
@@ -250,9 +269,10 @@ class UserFile:
             flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
             with os.fdopen(os.open(lock_path, flags, PRIVATE_FILE_MODE), "w") as lock:
                 flock(lock, LOCK_EX)
-                after = self._written = change(self._read_if_changed())
+                after = change(self._read_if_changed(always=True))
+                self._written.append(after)
                 atomic_write_private(self.path, _USER_DATABASE_ADAPTER.dump_json(after, indent=1))
-                self._database = after
+                self._loaded = self._loaded[0], after
         except OSError as error:
             raise ConfigurationError(
                 "auth.store_unwritten", file=str(self.path), problem=SystemReason(error)
