@@ -740,6 +740,7 @@ SLIPS = [
     ("serve", "`drivebus init` writes the file of a plant.", "`drivebus init` 生成工厂配置文件。"),
     ("jog {drive} 5", "as an option: --frequency 25", "作为选项给出：--frequency 25"),
     ("scan sim://c320@1 --models c320 --addresses 8-1", "a range from low to high", "范围从小到大"),
+    ("user add plant.toml", "behind the file of the plant: plant.toml anna", "写在工厂配置文件之后：plant.toml anna"),
     ("doctor", "Did you mean ports, check, acceptance?", "是否想用 ports、check、acceptance？"),
     ("describe c320", "Did you mean decode, models?", "是否想用 decode、models？"),
     ("trace sim://c320@1", "Did you mean monitor, capture?", "是否想用 monitor、capture？"),

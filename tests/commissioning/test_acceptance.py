@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from drivebus import i18n
 from drivebus.cli import output
 from drivebus.cli.commands import acceptance as acceptance_command
 from drivebus.cli.connect import Target
@@ -104,6 +105,15 @@ def test_on_a_good_line_a_step_passes(bench: SimulatedBus, name: str) -> None:
 )
 def test_what_a_simulated_line_cannot_show_is_not_called_passed(bench: SimulatedBus, name: str, reason: str) -> None:
     assert (step(name).verdict, step(name).reason) == (StepResult.SKIPPED, reason)
+
+
+@pytest.mark.parametrize(("language", "simulated"), [("en", "simulated"), ("zh", "模拟")])
+def test_the_simulated_line_is_not_said_to_be_without_a_parity_check(
+    bench: SimulatedBus, language: str, simulated: str
+) -> None:
+    """The step before it lists the parity check among the capabilities of the port."""
+    assert step("port").figures["parity"] is True
+    assert simulated in i18n.text(step("parity").reason, language)
 
 
 def test_replies_that_are_accepted_with_the_wrong_parity_are_reported(bench: SimulatedBus) -> None:
