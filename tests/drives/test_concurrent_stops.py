@@ -12,8 +12,7 @@ import pytest
 
 from drivebus.bus.messages import BusRequest, BusResult, RequestPriority
 from drivebus.bus.trace import TraceEvent, TraceKind
-from drivebus.drives import Drive, stop_bus
-from drivebus.drives.bus_stop import StopReport
+from drivebus.drives import Drive
 from drivebus.drives.operations.steps import OWN_FRAME
 from drivebus.drives.operations.stop import (
     MAX_CONCURRENT_STOPS,
@@ -218,36 +217,11 @@ def test_a_stop_is_not_confirmed_by_the_reads_of_a_stop_before_it(
 # --- quarantines ----------------------------------------------------------------------------------------------------
 
 
-async def stop_of_bus(seed: int, silent: tuple[int, ...] = ()) -> StopReport:
-    """Stop 31 drives whose bus holds back the reads of one for up to 5 s where one of a hundred frames is lost."""
-    async with SimulatedDrives("gs2", "1-31", query=f"line_quality=loss=0.01&seed={seed}&ramp=2") as bench:
-        drives = [bench.drive(address) for address in range(1, 32)]
-        for drive in drives:
-            drive.assume_model()
-            bench.station(drive.address).keypad_run(20.0)
-        await asyncio.sleep(2)
-        for address in silent:
-            bench.station(address).faults.silent = True
-        report = await stop_bus(bench.bus, drives)
-        assert not any(bench.station(drive.address).running for drive in drives if drive.address not in silent)
-        return report
-
-
-@pytest.mark.parametrize("seed", range(1, 9))
-def test_a_bus_stop_is_confirmed_although_the_reads_of_some_drives_had_to_wait(seed: int) -> None:
-    """Of 248 drives that stood, 7 were reported as unconfirmed while the bus still held back their reads."""
-    assert run_virtual(stop_of_bus(seed)).unconfirmed == ()
-
-
-def test_beside_such_drives_a_silent_one_is_reported_in_its_time() -> None:
-    report = run_virtual(stop_of_bus(1, silent=(3, 7)))
-    assert report.unconfirmed == (3, 7)
-    assert report.ended_at - report.started_at < 15.0
-
-
-@pytest.mark.parametrize(("answers_stop", "took_s"), [(False, 2.0), (True, 9.0)])
-def test_a_drive_that_becomes_silent_is_reported_in_a_bounded_time(answers_stop: bool, took_s: float) -> None:
-    """The bus holds back its reads again and again."""
+@pytest.mark.parametrize("answers_stop", [False, True])
+def test_a_drive_that_falls_silent_is_reported_in_time_although_the_bus_holds_back_its_reads(
+    answers_stop: bool,
+) -> None:
+    """A report that waited for the reads of a quarantine came 7 s later."""
 
     async def scenario() -> tuple[Outcome, float]:
         async with SimulatedDrives("gs2", query="ramp=20") as bench:
@@ -266,7 +240,7 @@ def test_a_drive_that_becomes_silent_is_reported_in_a_bounded_time(answers_stop:
             return outcome, bench.bus.now() - began
 
     outcome, duration_s = run_virtual(scenario())
-    assert (outcome.succeeded, duration_s) == (False, pytest.approx(took_s, abs=0.6))
+    assert not outcome.succeeded and duration_s < STOP_PROGRESS_TIMEOUT_S + 0.6
 
 
 # --- the frames that stops share ------------------------------------------------------------------------------------

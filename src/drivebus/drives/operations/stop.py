@@ -19,7 +19,6 @@ from drivebus.drives.operations.steps import OWN_FRAME, DriveOperation, get_bus_
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import STATE_NOT_READ, DriveState
 from drivebus.errors import DrivebusError, PortLost
-from drivebus.serial_settings import ANY_REPLY_LATENESS_S
 from drivebus.values import Text, bilingual_text
 
 STOP_PROGRESS_TIMEOUT_S = 2.0  # without a sign of deceleration for this long a stop is reported as unconfirmed
@@ -52,7 +51,6 @@ class StopProgress:
         self._fastest_transaction_s = inf  # of this stop and the concurrent ones; inf: none has a reply yet
         self._deceleration_reported_at = started_at  # by the state of the drive; ``op`` has that by its frequency
         self._progress_at_last_update = started_at
-        self._reads_held_until = -inf  # where the bus holds back the reads of a drive that answers
 
     @property
     def _last_progress_at(self) -> float:
@@ -67,29 +65,17 @@ class StopProgress:
         before, self._progress_at_last_update = self._progress_at_last_update, self._last_progress_at
         return self._progress_at_last_update > before
 
-    def hold(self, reads_wait_until: float, *, answered: bool) -> None:
-        """Let the timeout count again from the time at which the bus sends the next read, where the drive answers.
-
-        ``answered``: it has answered a stop.
-        """
-        reports = self._op.state_reports
-        if answered or reports.newest is not None or reports.unusable is not None:
-            self._reads_held_until = max(self._reads_held_until, reads_wait_until)
-
     @property
     def deadline(self) -> float:
         """Time at which the stop is reported as unconfirmed.
 
-        A timeout counts from the last sign of deceleration, or later from the end of a quarantine (``hold``), at most
-        5 s after it. The drive's ramp, where it was read, always has its time; beyond that ramp or 120 s no
-        deceleration counts.
+        A timeout counts from the last sign of deceleration. The drive's ramp, where it was read, always has its time;
+        beyond that ramp or 120 s no deceleration counts.
         """
         timeout_s = max(STOP_PROGRESS_TIMEOUT_S, self._verification_s())
         ramp_end = self._started_at + STOP_PROGRESS_TIMEOUT_S + (self._op.drive.deceleration_s or 0.0)
         latest = max(self._started_at + MAX_DECELERATION_S, ramp_end)
-        deadline = max(self._last_progress_at + timeout_s, ramp_end)
-        held_until = min(self._reads_held_until, deadline + ANY_REPLY_LATENESS_S)
-        return min(max(deadline, held_until + timeout_s), latest)
+        return min(max(self._last_progress_at + timeout_s, ramp_end), latest)
 
     def _verification_s(self) -> float:
         """Return the bus time of the verified states of all drives and of the frames of concurrent stops before them.
@@ -141,7 +127,7 @@ def _send_and_confirm(
     if not op.dialect.reports_run_state:
         return (yield from _repeat_unverifiable(op, mode, answered=answered, last_sent_at=started_at))
     if wait_confirmed:
-        return (yield from _until_confirmed(op, mode, started_at, progress, answered=answered))
+        return (yield from _until_confirmed(op, mode, started_at, progress))
     if not op.stops_sent:
         return unconfirmed_outcome(op)
     return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_answered" if answered else "drives.stop_unanswered")
@@ -215,22 +201,20 @@ def _repeat_unverifiable(
 
 
 def _until_confirmed(
-    op: OperationContext, mode: StopMode, last_sent_at: float, progress: StopProgress, *, answered: bool
+    op: OperationContext, mode: StopMode, last_sent_at: float, progress: StopProgress
 ) -> DriveOperation[Outcome]:
     """Read the state and resend the stop until a verified state shows the output off or the deadline is over."""
     while True:
         if not (yield from _read_or_wait(op, op.read_verified_state(allowed_failures=0), last_sent_at)):
             op.derived = STATE_NOT_READ
-        conditions = yield from get_bus_conditions()
-        now = conditions.now
-        progress.hold(conditions.reads_wait_until, answered=answered)
+        now = (yield from get_bus_conditions()).now
         if op.derived.state.output_off and _is_stop_confirmed(op):
             return _stopped_outcome(op)
         slowing = progress.update(now)
         if now > progress.deadline:
             return unconfirmed_outcome(op)
         if not slowing or now - last_sent_at >= STOP_RESEND_INTERVAL_S:
-            answered = (yield from send_stop(op, mode)) or answered
+            yield from send_stop(op, mode)
             last_sent_at = now
         yield from wait(STOP_POLL_INTERVAL_S)
 
