@@ -108,7 +108,7 @@ def test_what_a_simulated_line_cannot_show_is_not_called_passed(bench: Simulated
 
 
 @pytest.mark.parametrize(("language", "simulated"), [("en", "simulated"), ("zh", "模拟")])
-def test_the_simulated_line_is_not_said_to_be_without_a_parity_check(
+def test_the_port_of_a_simulated_line_is_not_called_one_without_a_parity_check(
     bench: SimulatedBus, language: str, simulated: str
 ) -> None:
     """The step before it lists the parity check among the capabilities of the port."""
