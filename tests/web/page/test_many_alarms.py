@@ -109,3 +109,24 @@ def test_the_fault_of_a_group_names_none_of_its_drives(stage: Stage, visit: Any,
     expecting()(fault).to_contain_text(text)
     names = {stage.view(fan)["title"][language] for fan in FANS}
     assert not any(name in fault.inner_text() for name in names)
+
+
+LINES_OF_A_NUMBER = """async () => {
+  const store = await import('/static/js/store.js');
+  const found = [];
+  for (let n = 1; n < 16; n += 1) {
+    const title = `${'x'.repeat(n)} 12-34`;
+    store.applyDelta({ topics: { 'drives/fan-1': { title: { en: title, zh: title } } } });
+    await DRAWN;
+    found.push(document.querySelector('.tilename .whole-number').getClientRects().length);
+  }
+  return found;
+}""".replace("DRAWN", DRAWN)
+"""Script: lines of the number of a drive in its tile, with names of many lengths before it."""
+
+
+def test_no_line_ends_within_the_number_of_a_drive(visit: Any) -> None:
+    """Regression: of "Circulation pump 1-02" a tile had "1-" in one line and "02" in the next."""
+    page = visit("#/fleet", size=(390, 844))
+    page.locator(".tilename").first.wait_for()
+    assert set(page.evaluate(LINES_OF_A_NUMBER)) == {1}

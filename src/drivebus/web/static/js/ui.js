@@ -62,8 +62,13 @@ export function Choice({ label, value, options, onChange, disabled = false }) {
       onClick=${() => onChange(name)}>${text}</button>`)}</div>`;
 }
 
+/** A text in which no line ends within a number such as that of motor 3-12, or within a date. */
+export const withWholeNumbers = (text) => text.split(/(\d+(?:-\d+)+)/).map((part, n) => (n % 2 === 0 ? part
+  : html`<span class="whole-number">${part}</span>`));
+
 /** A text with its commands as code: in the catalogue they stand between backticks. */
-export const withCommands = (text) => text.split("`").map((part, n) => (n % 2 === 0 ? part : html`<code>${part}</code>`));
+export const withCommands = (text) => text.split("`").map((part, n) => (n % 2 === 0 ? withWholeNumbers(part)
+  : html`<code>${part}</code>`));
 
 /** kind: "info", "good", "warning", "bad". */
 export function Notice({ kind = "info", title, live = false, children }) {

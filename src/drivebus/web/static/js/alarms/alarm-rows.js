@@ -8,7 +8,7 @@ import { isLive, tickingServiceNow } from "../live.js";
 import { href } from "../router.js";
 import { may } from "../session.js";
 import { bus, drive } from "../store.js";
-import { Button, ErrorNote, onFirstClick, useRequest, withCommands } from "../ui.js";
+import { Button, ErrorNote, onFirstClick, useRequest, withCommands, withWholeNumbers } from "../ui.js";
 import { faultText } from "../drive/faults.js";
 import {
   acknowledgeAll, groupAlarms, groupSubject, keyOfGroup, replacedName, steadyOrder, subjectName, subjectNames, unshelveAll,
@@ -52,7 +52,7 @@ function AcknowledgedBy({ alarms }) {
   if (done.length === 0) return null;
   const by = [...new Set(done.map((alarm) => alarm.acknowledged_by ?? ""))].join(t("language.between_items"));
   const time = moment(Math.max(...done.map((alarm) => alarm.acknowledged_ms)));
-  return html`<span>${t("page.acknowledged_by", { by, time })}</span>`;
+  return html`<span>${withWholeNumbers(t("page.acknowledged_by", { by, time }))}</span>`;
 }
 
 function GroupRow({ alarms }) {
@@ -66,11 +66,11 @@ function GroupRow({ alarms }) {
     alarms.every(isCleared))} group`}>
     <${PriorityMark} priority=${first.priority} />
     <div class="what"><strong>${t("page.alarm_group", { title: localized(first.title), n: alarms.length })}</strong>
-      <span>${groupSubject(alarms)}</span>${first.kind === "fault" && html`<${GroupFault}
+      <span>${withWholeNumbers(groupSubject(alarms))}</span>${first.kind === "fault" && html`<${GroupFault}
         alarms=${alarms} oldest=${oldest} />`}<${AlarmRemedy} alarm=${first} /></div>
     <div class="when"><b>${groupState(alarms)}</b><span>${t("page.alarm_group_open", { n: waiting.length })}</span>
       <${AcknowledgedBy} alarms=${alarms} />
-      <span>${t("page.alarm_group_oldest", { age: raisedAgo(oldest) })}</span><${ShelvedNote} alarm=${first} /></div>
+      <span>${withWholeNumbers(t("page.alarm_group_oldest", { age: raisedAgo(oldest) }))}</span><${ShelvedNote} alarm=${first} /></div>
     <div class="do">${may("operate") && waiting.length > 0 && html`<${Button} kind="main" busy=${busy}
       disabled=${!isLive.value} data-alarm="acknowledge" onClick=${onFirstClick(() => execute(() => acknowledgeAll(waiting)))}>
       ${t("page.acknowledge_all", { n: waiting.length })}<//>`}
@@ -98,7 +98,7 @@ function AlarmRow({ alarm }) {
     <div class="what"><strong>${localized(alarm.title)}</strong><span><${AlarmDetails} alarm=${alarm} /></span>
       <p>${withCommands(localized(alarm.text))}</p><${AlarmRemedy} alarm=${alarm} /></div>
     <div class="when"><${AlarmState} alarm=${alarm} />
-      <${AcknowledgedBy} alarms=${[alarm]} /><span>${raisedAgo(alarm)}</span><${Repetition} alarm=${alarm} /><${ShelvedNote} alarm=${alarm} /></div>
+      <${AcknowledgedBy} alarms=${[alarm]} /><span>${withWholeNumbers(raisedAgo(alarm))}</span><${Repetition} alarm=${alarm} /><${ShelvedNote} alarm=${alarm} /></div>
     <div class="do">
       ${able && !acknowledged && html`<${Button} kind="main" busy=${busy} disabled=${off} data-alarm="acknowledge"
         onClick=${onFirstClick(() => execute(() => api.post(`${path}/acknowledge`)))}>${t("page.acknowledge")}<//>`}

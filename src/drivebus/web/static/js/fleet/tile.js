@@ -7,7 +7,7 @@ import { isCleared, mostUrgentAlarm } from "../alarms/alarm-list.js";
 import { PriorityMark } from "../alarms/alarm-state.js";
 import { isLive } from "../live.js";
 import { Icon } from "../icons.js";
-import { Value, ignoreRepeat } from "../ui.js";
+import { Value, ignoreRepeat, withWholeNumbers } from "../ui.js";
 import { href } from "../router.js";
 import { may } from "../session.js";
 import { drive } from "../store.js";
@@ -71,7 +71,7 @@ export function Tile({ id }) {
   return html`<article class=${`tile tone-${tone} ${isLive.value ? "" : "old"}`}>
     <a class="tilelink" href=${href("drive", id)} data-drive=${id}>
       <span class="tilehead"><span class="tilename" title=${name}>${
-        isDense ? shortened(name, DENSE_NAME_LENGTH) : name}</span>
+        withWholeNumbers(isDense ? shortened(name, DENSE_NAME_LENGTH) : name)}</span>
         <${AlarmMark} id=${id} /></span>
       <${StateMark} known=${known} direction=${view.direction} size=${26} />
       <span class="tilehz"><${Value} found=${readingWithoutAge(view, "output_frequency")} big brief
