@@ -497,7 +497,7 @@ def test_the_announcement_of_a_setup_secret_that_could_not_be_saved_names_no_fil
     try:
         assert process.stderr is not None
         lines = iter(process.stderr)
-        announced = next(line for line in lines if "http://127.0.0.1" in line) + next(lines)
+        announced = next(line for line in lines if "http://127.0.0.1" in line) + next(lines) + next(lines)
         assert "It is also in" not in announced and "only here: " in announced and "can't be written: " in announced
     finally:
         process.terminate()
