@@ -7,9 +7,10 @@ from collections.abc import Callable
 
 import pytest
 
-from drivebus import blocking
+from drivebus import blocking, profiles
 from drivebus.bus import Bus
 from drivebus.bus.messages import BusRequest, BusResult
+from drivebus.bus.trace import TraceEvent, TraceKind
 from drivebus.drives import Drive, StopReport, stop_all_addresses
 from drivebus.drives.bus_stop import MAX_SWEEPS
 from drivebus.errors import StartInhibited
@@ -112,6 +113,36 @@ def test_a_port_that_is_lost_again_and_again_ends_the_search(monkeypatch: pytest
     report = run_virtual(scenario())
     assert len(turns) <= MAX_SWEEPS
     assert {address for address, _ in report.outcomes} | {*report.absent, *report.lost} == set(ADDRESSES)
+
+
+def test_an_empty_line_is_no_confirmed_stop() -> None:
+    """The cable may be broken, and every drive of the bus may run."""
+
+    async def scenario() -> StopReport:
+        async with SimulatedDrives("vc660", "1") as bench:
+            bench.station(1).faults.silent = True
+            return await stop_at_every_address(bench)
+
+    report = run_virtual(scenario())
+    assert (report.outcomes, report.confirmed, report.absent) == ((), False, tuple(ADDRESSES))
+
+
+def test_the_report_begins_with_the_first_frame_and_has_every_broadcast() -> None:
+    async def scenario() -> None:
+        async with SimulatedDrives("c320", "3") as bench:
+            broadcasts = list[float]()
+
+            def on_frame(event: TraceEvent) -> None:
+                if event.kind is TraceKind.SENT and event.message.address == profiles.load("c320").broadcast:
+                    broadcasts.append(event.time)
+
+            bench.bus.trace(on_frame)
+            began = bench.bus.now()
+            report = await stop_at_every_address(bench)
+            assert report.started_at == began
+            assert broadcasts and [each.sent_at for each in report.broadcasts] == broadcasts
+
+    run_virtual(scenario())
 
 
 def test_no_address_is_an_empty_report() -> None:

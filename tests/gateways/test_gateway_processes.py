@@ -27,7 +27,7 @@ from drivebus.gateways import process
 from drivebus.service.auth.actor import local_actor
 from drivebus.service.config.model import GatewayConfig
 from drivebus.service.ipc.client import SocketClient
-from drivebus.service.process.gateways import RELOAD_LINE, ChildProcess, GatewaySupervisor
+from drivebus.service.process.gateways import RELOAD_LINE, ChildProcess, GatewaySupervisor, report_used_ports
 from drivebus.types import Json
 from fixtures.child_process import COMMAND
 
@@ -389,6 +389,16 @@ async def test_a_gateway_learns_that_the_plant_had_users_when_the_service_starte
     file.unlink()
     supervisor.on_reload()
     assert b'"had_users":true' in supervisor._children["toy"]._arguments
+
+
+@pytest.mark.parametrize("host", ["plant..local", "nowhere.invalid", "192.0.2.1"])
+async def test_a_host_without_an_address_here_neither_ends_the_service_nor_is_called_used(
+    host: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The check of the ports raised UnicodeError before any bus was started; what is wrong, the gateway says."""
+    gateway = GatewayConfig(id="web", module="drivebus.web", settings=None, listens_at=(host, 8080))
+    await report_used_ports(SimpleNamespace(gateways=(gateway,)), ())  # type: ignore[arg-type]
+    assert caplog.records == []
 
 
 async def test_a_reload_notifies_each_gateway_that_it_leaves_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:

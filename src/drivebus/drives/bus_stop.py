@@ -53,8 +53,12 @@ class StopReport:
 
     @property
     def confirmed(self) -> bool:
-        """Whether every drive reported standstill; False for a drive that only acknowledged the stop."""
-        return not (self.acknowledged or self.unconfirmed or self.lost)
+        """Whether every drive reported standstill; False for a drive that only acknowledged the stop.
+
+        Also False where drives were looked for and none replied: the cable may be broken.
+        """
+        found_none = bool(self.absent) and not self.outcomes
+        return not (self.acknowledged or self.unconfirmed or self.lost or found_none)
 
 
 async def stop_bus(bus: Bus, drives: Sequence[Drive]) -> StopReport:
@@ -84,9 +88,12 @@ async def stop_all_addresses(
     came late is stopped too, and the addresses that a lost port left out follow once it is back within 2 s.
     ``on_progress`` gets each drive that was sent a frame, and the share of drives so far (above 0, at most 1).
     """
-    lost, reports = list(drives), list[StopReport]()
+    started_at, lost = bus.now(), list(drives)
+    broadcasts, reports = list[FrameExchange](), list[StopReport]()
     lateness_s = max((drive.dialect.station_config.timing.max_reply_lateness_s for drive in drives), default=0.0)
     for _ in range(MAX_SWEEPS):
+        bus.inhibit_start(None)
+        broadcasts += await _broadcast(bus, lost)
         present, lost = await _sweep(bus, lost, on_progress)
         replies_due_until = bus.now() + lateness_s
         reports.append(await stop_bus(bus, present))
@@ -97,9 +104,9 @@ async def stop_all_addresses(
     outcomes = sorted((outcome for report in reports for outcome in report.outcomes), key=itemgetter(0))
     left_out = tuple(drive.address for drive in lost)
     return StopReport(
-        started_at=reports[0].started_at,
+        started_at=started_at,
         ended_at=reports[-1].ended_at,
-        broadcasts=tuple(exchange for report in reports for exchange in report.broadcasts),
+        broadcasts=(*broadcasts, *(exchange for report in reports for exchange in report.broadcasts)),
         outcomes=tuple(outcomes),
         absent=tuple(drive.address for drive in drives if drive.address not in {*dict(outcomes), *left_out}),
         lost=left_out,
@@ -109,13 +116,10 @@ async def stop_all_addresses(
 async def _sweep(
     bus: Bus, drives: Sequence[Drive], on_progress: Callable[[Drive, float], None] | None
 ) -> tuple[list[Drive], list[Drive]]:
-    """Send the broadcast stop where the family has one, then one stop to each address.
+    """Send one stop to each address; return the drives that replied, and those whose stop the port lost.
 
-    Return the drives that replied, and those whose stop the port lost. Where a stop waits until its station answered
-    as this model, each address is read instead.
+    Where a stop waits until its station answered as this model, each address is read instead.
     """
-    bus.inhibit_start(None)
-    await _broadcast(bus, drives)
     present, lost = list[Drive](), list[Drive]()
     for number, drive in enumerate(drives, 1):
         check = drive.dialect.model_check()

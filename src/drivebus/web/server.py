@@ -240,6 +240,6 @@ def bind_listener(host: str, port: int, trusted_proxies: Iterable[str] = ()) -> 
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind(address)
         listener.listen()
-    except OSError as error:
+    except (OSError, UnicodeError) as error:
         raise ConfigurationError("auth.can_not_listen", host=host, port=port, problem=SystemReason(error)) from error
     return listener

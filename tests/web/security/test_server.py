@@ -609,6 +609,14 @@ async def test_a_tls_handshake_that_does_not_end_is_cut(
         assert await raw_response(*where(text[0]), b"\x16\x03\x01") == b""
 
 
+@pytest.mark.parametrize("host", ["plant..local", "h" * 64 + ".local"])
+async def test_a_host_that_no_name_server_can_be_asked_for_is_named_in_the_error(host: str) -> None:
+    """An empty or too long part of the name ended the web process with a traceback."""
+    with pytest.raises(ConfigurationError) as raised:
+        bind_listener(host, 0)
+    assert (raised.value.key, raised.value.params["host"]) == ("auth.can_not_listen", host)
+
+
 async def test_a_used_port_and_an_invalid_certificate_are_named_in_the_error(tmp_path: Path) -> None:
     taken = bind_listener("127.0.0.1", 0)
     with pytest.raises(ConfigurationError) as raised:

@@ -112,9 +112,7 @@ class OperationContext:
         self._sync_request = sync_request or drive.dialect.sync_request
         self.age = CommandAge(requested_at, checks_started_at)
         self._earlier_withdrawal = drive.withdrawal
-        self.stop_epoch = (
-            stop_epoch  # stops before the request, plus those sent here; None: those before ``create_command``
-        )
+        self.stop_epoch = stop_epoch  # stops up to the request, and those sent here; None: up to ``create_command``
         self.reading_pairs = ReadingPairs()
         self.derived: DerivedState = STATE_NOT_READ
         self.state_reports = StateReports()

@@ -11,6 +11,7 @@ import contextlib
 import logging
 import socket
 from collections.abc import Callable, Collection, Iterator, Sequence
+from errno import EADDRINUSE
 from typing import Any
 
 from drivebus import i18n
@@ -198,7 +199,10 @@ class GatewaySupervisor(PlantListener):
 
 
 async def report_used_ports(config: PlantConfig, without: Collection[str]) -> None:
-    """Log each gateway that can't listen at its address, before a process of this service listens there."""
+    """Log each gateway at whose address another program listens, before a process of this service does.
+
+    What else is wrong with an address is reported by the process of the gateway.
+    """
     for gateway in _enabled_gateways(config, without):
         if gateway.listens_at is None:
             continue
@@ -206,7 +210,9 @@ async def report_used_ports(config: PlantConfig, without: Collection[str]) -> No
         try:
             async with asyncio.timeout(RESOLVE_TIMEOUT_S):
                 await _check_can_listen(host, port)
-        except OSError as error:
+        except (OSError, UnicodeError) as error:  # UnicodeError: no name of a host, such as plant..local
+            if not isinstance(error, OSError) or error.errno != EADDRINUSE:
+                continue
             params = {"gateway": gateway.id, "host": host, "port": port, "reason": SystemReason(error)}
             LOG.error(i18n.preferred_text("log.gateway_port_used", **params))
 
@@ -216,7 +222,7 @@ def _enabled_gateways(config: PlantConfig, without: Collection[str]) -> Iterator
 
 
 async def _check_can_listen(host: str, port: int) -> None:
-    """Check that no other program listens at an address of this machine. Raises OSError, TimeoutError."""
+    """Check that no other program listens at an address of this machine. Raises OSError, UnicodeError, TimeoutError."""
     loop = asyncio.get_running_loop()
     family, kind, protocol, _, address = (await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM))[0]
     with socket.socket(family, kind, protocol) as probe:
