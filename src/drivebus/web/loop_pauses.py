@@ -1,23 +1,25 @@
-"""``LoopPauses``: how long the event loop of this process stood still a moment ago."""
+"""``LoopPauses``: how long the event loop of this process did not run a moment ago."""
 
 from __future__ import annotations
 
 import asyncio
 from math import inf
 
-BEAT_INTERVAL_S = 0.25
-UNREAD_AFTER_PAUSE_S = 1.0  # after a pause, requests that waited in the system are read within it
+MEASURING_INTERVAL_S = 0.25
+MIN_BACKLOG_S, MAX_BACKLOG_S = 1.0, 30.0
+"""Requests that waited during a pause are read within a time as long as it, and within these times."""
 
 
 class LoopPauses:
     """Pauses of the event loop: a request that is read soon after one may have waited as long.
 
     The system keeps what clients send to a process that is suspended, also of clients that have given up by then.
+    Time for which the machine itself sleeps (suspend to RAM) is not counted by the clock of the loop.
     """
 
     def __init__(self) -> None:
-        self._turned_at: float | None = None
-        """Time of the last beat; None where ``run`` is not under way."""
+        self._last_iteration_at: float | None = None
+        """Time at which ``run`` last measured; None where it is not under way."""
         self._last_pause_s, self._last_pause_ended_at = 0.0, -inf
 
     async def run(self) -> None:
@@ -25,21 +27,24 @@ class LoopPauses:
         clock = asyncio.get_running_loop().time
         try:
             while True:
-                self._turned_at = clock()
-                await asyncio.sleep(BEAT_INTERVAL_S)
+                self._last_iteration_at = clock()
+                await asyncio.sleep(MEASURING_INTERVAL_S)
                 now = clock()
                 if (pause_s := self._present_pause_s(now)) >= self._ended_pause_s(now):
                     self._last_pause_s, self._last_pause_ended_at = pause_s, now
         finally:
-            self._turned_at = None
+            self._last_iteration_at = None
 
     def recent_pause_s(self) -> float:
-        """Return the longest time that a request which is read now may have waited for the loop."""
+        """Return the longest pause of the loop during which a request that is read now may have waited."""
         now = asyncio.get_running_loop().time()
         return max(self._present_pause_s(now), self._ended_pause_s(now))
 
     def _present_pause_s(self, now: float) -> float:
-        return 0.0 if self._turned_at is None else max(0.0, now - self._turned_at - BEAT_INTERVAL_S)
+        return (
+            0.0 if self._last_iteration_at is None else max(0.0, now - self._last_iteration_at - MEASURING_INTERVAL_S)
+        )
 
     def _ended_pause_s(self, now: float) -> float:
-        return self._last_pause_s if now - self._last_pause_ended_at < UNREAD_AFTER_PAUSE_S else 0.0
+        backlog_s = min(max(MIN_BACKLOG_S, self._last_pause_s), MAX_BACKLOG_S)
+        return self._last_pause_s if now - self._last_pause_ended_at < backlog_s else 0.0

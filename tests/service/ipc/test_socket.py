@@ -223,7 +223,7 @@ def test_a_missing_or_ended_service_is_reported_and_a_new_one_is_connected(tmp_p
     real(scenario())
 
 
-def test_an_invalid_request_ends_its_own_connection_only(tmp_path: Path) -> None:
+def test_an_invalid_request_ends_its_own_connection_only(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     async def scenario() -> None:
         service = ScriptedService()
         server, client = SocketServer(service, tmp_path / "plant.sock"), SocketClient(tmp_path / "plant.sock")
@@ -232,12 +232,15 @@ def test_an_invalid_request_ends_its_own_connection_only(tmp_path: Path) -> None
         twice = f'{{"id": 1, "op": "plant.stop", "op": "drive.run", "params": {{}}, "actor": {actor}}}\n'
         no_number = f'{{"id": 1, "op": "drive.run", "params": {{"frequency_hz": NaN}}, "actor": {actor}}}\n'
         invalid = (b"hello\n", b'{"id": 1, "op": "plant.stop"}\n', b"[]\n", b'{"id": 1, "actor": {}}\n')
-        for line in (*invalid, twice.encode(), no_number.encode(), b"[" * 100_000 + b"\n"):
+        too_large = f'{{"id": 1, "op": "drive.run", "called_at": 1{"0" * 400}, "actor": {actor}}}\n'
+        texts = (twice, no_number, too_large)
+        for line in (*invalid, *(text.encode() for text in texts), b"[" * 100_000 + b"\n"):
             reader, writer = await asyncio.open_unix_connection(str(tmp_path / "plant.sock"))
             writer.write(line)
             assert await reader.read() == b""
             writer.close()
         assert service.calls == []
+        assert {record.levelname for record in caplog.records} == {"WARNING"}, "none is an error of this program"
         assert await client.call("buses.list", {}, LOCAL)
         await client.close()
         await server.close()

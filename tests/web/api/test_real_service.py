@@ -182,8 +182,9 @@ def test_a_start_that_waited_for_a_suspended_page_is_not_done_and_a_stop_is(plan
     error = late_start.result().json()["error"]
     assert (late_start.result().status_code, error["code"]) == (409, "plant.waited_too_long")
     assert error["may_be_running"] is False
+    assert error["text"]["en"].startswith("the command may have waited 2.")
     assert late_stop.result().json()["outcome"]["status"] == "confirmed"
-    time.sleep(1.2)
+    time.sleep(2.8)
     rest(plant, Role.ENGINEER, "lease.renew", fan)
     assert (
         rest(plant, Role.ENGINEER, "drive.run", start)["outcome"]["status"] == "confirmed"

@@ -89,7 +89,13 @@ class _ClientConnection:
         try:
             while line := await self._reader.readline():
                 self._handle(parse_json(line))
-        except (ValueError, KeyError, TypeError, ConnectionError) as error:  # too long, not JSON, not a request
+        except (
+            ValueError,
+            OverflowError,
+            KeyError,
+            TypeError,
+            ConnectionError,
+        ) as error:  # too long, no JSON, no request
             LOG.warning(i18n.preferred_text("log.client_disconnected", reason=type(error).__name__))
         finally:
             ending = tuple(self._ending_tasks.values())
