@@ -7,10 +7,12 @@ import stat
 import threading
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from drivebus.errors import ConfigurationError
+from drivebus.service.auth import users as users_module
 from drivebus.service.auth.errors import (
     Conflict,
     InvalidInput,
@@ -394,6 +396,42 @@ def test_concurrent_changes_of_this_program_are_not_logged_as_those_of_another(
     other = UserFile(file.path)
     other.change(lambda before: before.without_user("u1"))
     assert file.read().find("u1") is None and "u1" in caplog.text
+
+
+def test_an_earlier_state_that_is_restored_is_logged_also_where_this_program_once_wrote_it(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A copy of the file that is put back revives a user who was removed, and a token that was withdrawn."""
+    now = 1000.0
+    monkeypatch.setattr(users_module, "time", SimpleNamespace(monotonic=lambda: now), raising=False)
+    file = UserFile(tmp_path / "users.json")
+    file.change(lambda _: UserDatabase().with_user(ADMIN).with_user(User("li", Role.VIEWER, "x", 0)).with_token(TOKEN))
+    file.read()
+    earlier = file.path.read_bytes()
+    file.change(lambda before: before.without_user("li").without_token(TOKEN.id))
+    file.read()
+    now += 11.0
+    file.path.write_bytes(earlier)
+    assert file.read().find("li") is not None
+    assert "users added: 1 (li)" in caplog.text and "tokens added: 1 (t1)" in caplog.text
+
+
+def test_a_state_that_could_not_be_written_is_logged_where_another_program_writes_it(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = UserFile(tmp_path / "users.json")
+    file.change(lambda _: UserDatabase().with_user(ADMIN))
+    file.read()
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as context, pytest.raises(ConfigurationError):
+        context.setattr("os.fsync", full)
+        file.change(lambda before: before.with_token(TOKEN))
+    UserFile(file.path).change(lambda before: before.with_token(TOKEN))
+    file.read()
+    assert "tokens added: 1 (t1)" in caplog.text
 
 
 def test_a_change_begins_with_the_file_whatever_was_read_before(tmp_path: Path) -> None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
+import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from fcntl import LOCK_EX, flock
+from math import inf
 from pathlib import Path
 from typing import Literal
 
@@ -196,7 +198,7 @@ def _unexpired(codes: Iterable[OneTimeCode], now_ms: int) -> tuple[OneTimeCode, 
 
 
 MAX_LOGGED_NAMES = 10
-MAX_WRITTEN_REMEMBERED = 16  # more than the changes that can be written while a thread reads the file once
+OWN_CHANGE_READ_WITHIN_S = 10.0  # a thread that reads what another one writes here takes no longer
 USER_CHANGES = ("log.users_added", "log.users_removed", "log.users_edited")
 TOKEN_CHANGES = ("log.tokens_added", "log.tokens_removed", "log.tokens_edited")
 LOG = logging.getLogger("drivebus.service")
@@ -219,8 +221,10 @@ class UserFile:
         """State of a file with another content, and where its content is wrong: it is not parsed again."""
         self._logged_problem = ""
         """Why the file can't be read now, as it was logged."""
-        self._written: deque[UserDatabase] = deque(maxlen=MAX_WRITTEN_REMEMBERED)
-        """Databases that this program wrote; another thread may read one before ``change`` returns, or a later one."""
+        self._written: deque[tuple[float, UserDatabase]] = deque()
+        """Databases that this program wrote in the last seconds, with the time (infinite until it is written):
+        another thread may read one before ``change`` returns, or after a later one was written.
+        """
 
     @property
     def is_missing(self) -> bool:
@@ -256,7 +260,7 @@ class UserFile:
         if fingerprint == known_state and not always:
             return known
         loaded = self._load(fingerprint)
-        if known_state is not None and loaded != known and loaded not in self._written:
+        if known_state is not None and loaded != known and not self._was_written_recently(loaded):
             _log_changes(self.path, known, loaded)
         self._loaded, self._logged_problem = (fingerprint, loaded), ""
         return loaded
@@ -270,14 +274,29 @@ class UserFile:
             with os.fdopen(os.open(lock_path, flags, PRIVATE_FILE_MODE), "w") as lock:
                 flock(lock, LOCK_EX)
                 after = change(self._read_if_changed(always=True))
-                self._written.append(after)
-                atomic_write_private(self.path, _USER_DATABASE_ADAPTER.dump_json(after, indent=1))
+                self._write(after)
                 self._loaded = self._loaded[0], after
         except OSError as error:
             raise ConfigurationError(
                 "auth.store_unwritten", file=str(self.path), problem=SystemReason(error)
             ) from error
         return after
+
+    def _write(self, database: UserDatabase) -> None:
+        """Write a database, which another thread may read before this returns. Raises OSError."""
+        under_way = inf, database
+        self._written.append(under_way)
+        try:
+            atomic_write_private(self.path, _USER_DATABASE_ADAPTER.dump_json(database, indent=1))
+            self._written.append((time.monotonic(), database))
+        finally:
+            self._written.remove(under_way)
+        while self._written[0][0] < time.monotonic() - OWN_CHANGE_READ_WITHIN_S:
+            self._written.popleft()
+
+    def _was_written_recently(self, database: UserDatabase) -> bool:
+        earliest = time.monotonic() - OWN_CHANGE_READ_WITHIN_S
+        return any(at >= earliest and written == database for at, written in tuple(self._written))
 
     def _load(self, fingerprint: tuple[int, int, int]) -> UserDatabase:
         if self._damage is not None and self._damage[0] == fingerprint:
