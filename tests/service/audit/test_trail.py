@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 import re
+import threading
 import time
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
@@ -14,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from drivebus.errors import AuditUnavailable, InvalidParameters
+from drivebus.errors import AuditUnavailable, InvalidParameters, ServiceUnavailable
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import failure_reason
 from drivebus.service.audit import AuditEntry, AuditTrail
@@ -643,6 +644,66 @@ def test_many_queries_are_read_one_after_another(tmp_path: Path, monkeypatch: py
 
     asyncio.run(go())
     assert noted == ["begins", "ends"] * 5
+
+
+@pytest.mark.parametrize("asked", ["query", "verify"])
+def test_requests_that_wait_for_a_hung_disk_do_not_pile_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: str
+) -> None:
+    """A request that hangs, and all behind it, took the thousand places of the requests of a connection."""
+    trail, released = new_trail(tmp_path), threading.Event()
+
+    def hang(*_: object, **params: object) -> Json:
+        released.wait(10.0)
+        return {}
+
+    async def hang_in_process(*_: object) -> Json:
+        return await asyncio.to_thread(hang)
+
+    monkeypatch.setattr("drivebus.service.audit.trail.query_records", hang)
+    monkeypatch.setattr(AuditTrail, "_verify_in_process", hang_in_process)
+
+    async def go() -> None:
+        ask: Callable[[], Any] = trail.verify if asked == "verify" else lambda: trail.query(**ALL_TIME)
+        requests = [asyncio.create_task(ask()) for _ in range(21)]
+        await asyncio.sleep(0.05)
+        with pytest.raises(ServiceUnavailable) as refused:
+            await asyncio.wait_for(ask(), 1.0)
+        assert refused.value.key == "plant.too_busy"
+        requests.pop().cancel()
+        await asyncio.sleep(0.05)
+        requests.append(asyncio.create_task(ask()))  # in the place of the one that has gone
+        released.set()
+        assert await asyncio.gather(*requests) == [{}] * 21
+
+    asyncio.run(go())
+
+
+def test_a_query_begins_when_the_thread_of_an_abandoned_one_has_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Clients that vanish and ask again would occupy a thread each."""
+    noted: list[str] = []
+
+    def slow_query(*_: object, **params: object) -> Json:
+        noted.append("begins")
+        time.sleep(0.2)
+        noted.append("ends")
+        return {}
+
+    monkeypatch.setattr("drivebus.service.audit.trail.query_records", slow_query)
+
+    async def go() -> None:
+        trail = new_trail(tmp_path)
+        abandoned = asyncio.create_task(trail.query(**ALL_TIME))
+        await asyncio.sleep(0.05)
+        abandoned.cancel()
+        await asyncio.wait([abandoned])
+        assert noted == ["begins"], "the caller does not wait for the thread"
+        await trail.query(**ALL_TIME)
+
+    asyncio.run(go())
+    assert noted == ["begins", "ends"] * 2
 
 
 def test_a_removed_trail_is_continued_and_the_gap_is_detected(tmp_path: Path) -> None:

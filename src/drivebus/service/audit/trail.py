@@ -23,6 +23,7 @@ from drivebus.service.audit.records import AuditCheckpoint, AuditEntry, entry_js
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.process.module_command import module_command
 from drivebus.service.storage.batch_writer import BatchWriter
+from drivebus.service.storage.one_at_a_time import OneAtATime, run_to_end_in_thread
 from drivebus.types import Json
 
 LOG = logging.getLogger("drivebus.service")
@@ -61,10 +62,7 @@ class AuditTrail:
         self.head_error: OSError | None = None
         """Error of the last write of the head; it does not prevent starts."""
         self._logged_ms: int | None = None
-        self._reading = asyncio.Lock()
-        """Held while a thread reads records for a query."""
-        self._verifying = asyncio.Lock()
-        """Held while a process verifies the files: many at once would delay the buses."""
+        self._queries, self._verifications = OneAtATime(), OneAtATime()
 
     @classmethod
     def of(cls, config: PlantConfig) -> AuditTrail:
@@ -107,21 +105,24 @@ class AuditTrail:
     async def query(
         self, *, from_ms: int, to_ms: int, drive: str | None = None, cursor: str | None = None, limit: int = 100
     ) -> Json:
-        """Return ``{"items", "next"}``, newest first. Raises InvalidParameters for an unknown cursor, OSError."""
+        """Return ``{"items", "next"}``, newest first. Raises InvalidParameters for an unknown cursor, OSError, and
+        ServiceUnavailable where too many are waiting.
+        """
+
         # On a thread other than the writer's, so that reading never delays a record; on one at a time, because several
         # would delay the buses and occupy the threads that store settings.
-        async with self._reading:
-            return await asyncio.to_thread(
-                query_records, self.paths, from_ms=from_ms, to_ms=to_ms, drive=drive, cursor=cursor, limit=limit
-            )
+        def read() -> Json:
+            return query_records(self.paths, from_ms=from_ms, to_ms=to_ms, drive=drive, cursor=cursor, limit=limit)
+
+        return await self._queries.run(lambda: run_to_end_in_thread(read))
 
     async def verify(self) -> Json:
-        """Verify the files now and return the report. Raises AuditUnavailable if they cannot be read.
+        """Verify the files and return the report. Raises AuditUnavailable if they cannot be read, ServiceUnavailable
+        where too many are waiting.
 
         A separate process reads them, one at a time, so that a long trail and many requests delay no bus.
         """
-        async with self._verifying:
-            return await self._verify_in_process()
+        return await self._verifications.run(self._verify_in_process)
 
     async def _verify_in_process(self) -> Json:
         paths = (self.paths.folder, self.paths.checkpoints, self.paths.key, self.paths.head)
@@ -133,6 +134,7 @@ class AuditTrail:
         finally:
             if child.returncode is None:
                 child.kill()
+                await child.wait()
         if child.returncode != 0:
             raise self._unavailable_error(errors.decode("utf-8", "replace").strip().rpartition("\n")[2])
         report: Json = json.loads(output)
