@@ -438,6 +438,20 @@ def test_a_reply_delay_within_what_the_profile_expects_needs_no_confirmation(tmp
     assert len(bench.writes()) == 1
 
 
+@pytest.mark.parametrize("expected_ms", [9, 13, 18, 24, 26, 36, 43])
+def test_a_reply_delay_that_is_just_what_the_profile_expects_needs_no_confirmation(
+    expected_ms: int, tmp_path: Path
+) -> None:
+    """9 × 0.001 is more than 0.009 in binary fractions."""
+    profile = Path(with_group_sizes("vc660", tmp_path))
+    with profile.open("a", encoding="utf-8") as own:
+        own.write(f"[timing]\nreply_delay_s = {expected_ms / 1000}\n")
+    bench = ParameterBench(str(profile), FakeModbus())
+    assert bench.write({"F06.06": float(expected_ms)}).succeeded
+    with pytest.raises(ConfirmationRequired):
+        bench.write({"F06.06": expected_ms + 1.0})
+
+
 @pytest.mark.parametrize(
     ("model", "name", "bus", "other"),
     [

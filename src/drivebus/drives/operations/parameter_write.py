@@ -16,6 +16,7 @@ SERIAL_ROLES = frozenset({"baud", "format", "protocol"})
 """Roles of the parameters that decide with which serial settings a drive answers."""
 _SECONDS_PER_UNIT = {"ms": 0.001, "s": 1.0}
 """Units that a reply delay is given in."""
+_ROUNDING_S = 1e-9  # of binary fractions: 9 × 0.001 is more than 0.009
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +126,7 @@ def may_become_unreachable(dialect: Dialect, write: CheckedWrite) -> bool:
     if role == "reply_delay":
         delay = number_of(dialect, write.parameter, write.raw)
         seconds = _SECONDS_PER_UNIT.get(write.parameter.unit)
-        return delay is None or seconds is None or delay * seconds > dialect.profile.timing.reply_delay_s
+        return delay is None or seconds is None or delay * seconds > dialect.profile.timing.reply_delay_s + _ROUNDING_S
     return role in SERIAL_ROLES or (role == "address" and write.raw != dialect.address)
 
 
