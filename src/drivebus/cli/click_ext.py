@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from contextvars import ContextVar, copy_context
 from importlib import import_module
+from itertools import zip_longest
 from typing import Any
 
 import click
@@ -103,18 +104,27 @@ class Option(_FileCompletion, click.Option):
 
         Only where that prevents no stop; click would refuse the command before it converts any value.
         """
-        own = list(words[: words.index("--")] if "--" in words else words)
-        options = {name for param in ctx.command.params if isinstance(param, click.Option) for name in param.opts}
-        for index, word in enumerate(own):
+        end = words.index("--") if "--" in words else len(words)
+        kept = self._without_flag_value if self.is_flag else self._without_missing_value
+        return [*kept(ctx, words[:end]), *words[end:]]
+
+    def _without_flag_value(self, ctx: click.Context, words: Sequence[str]) -> list[str]:
+        kept = []
+        for word in words:
             name, separator, _ = word.partition("=")
-            if name not in self.opts:
-                continue
-            if self.is_flag and separator and self._leaves_out(ctx, click.BadOptionUsage(name, errors.FLAG_WITH_VALUE)):
-                own[index] = name
-            is_last = not separator and (index + 1 == len(own) or own[index + 1].partition("=")[0] in options)
-            if not self.is_flag and is_last and self._leaves_out(ctx, click.BadOptionUsage(name, "")):
-                return self.without_faulty_value(ctx, [*own[:index], *own[index + 1 :], *words[len(own) :]])
-        return [*own, *words[len(own) :]]
+            has_value = name in self.opts and bool(separator)
+            is_left_out = has_value and self._leaves_out(ctx, click.BadOptionUsage(name, errors.FLAG_WITH_VALUE))
+            kept.append(name if is_left_out else word)
+        return kept
+
+    def _without_missing_value(self, ctx: click.Context, words: Sequence[str]) -> list[str]:
+        options = {name for param in ctx.command.params if isinstance(param, click.Option) for name in param.opts}
+        kept = []
+        for word, following in zip_longest(words, words[1:]):
+            is_missing = word in self.opts and (following is None or following.partition("=")[0] in options)
+            if not (is_missing and self._leaves_out(ctx, click.BadOptionUsage(word, ""))):
+                kept.append(word)
+        return kept
 
     def help_text(self) -> str:
         """Return the explanation and the example."""
