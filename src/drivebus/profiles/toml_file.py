@@ -38,7 +38,7 @@ _STRING = re.compile(r'"""(?:[^\\]|\\.)*?"""|\'\'\'.*?\'\'\'|"(?:[^"\\\n]|\\.)*"
 _LONG_INTEGER = re.compile(
     r"(?<![\w.+-])[+-]?(0x(_?[0-9A-Fa-f]){17,}|0o(_?[0-7]){23,}|0b(_?[01]){65,}|(_?[0-9]){20,})(?![\w.-]|[ \t]*=)"
 )
-"""Integer beyond the 64 bits of TOML; Python converts none of more than 4,300 decimal digits to a text or back."""
+"""Integer beyond the 64 bits of TOML. Python converts none of more than ``sys.int_info.default_max_str_digits``."""
 _SYNTAX_FAULTS = (
     ("Expected '=' after a key", "equals"),
     ("Invalid value", "value"),

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Any
+from typing import Any, NoReturn
 
 from drivebus.types import Json
 
-_MAX_INTEGER_DIGITS = 1000  # Python converts no text of more than 4,300 digits to a number
+_MAX_INTEGER_DIGITS = 1000  # fewer than sys.int_info.default_max_str_digits, so that Python converts each of them
+_SHOWN_CHARACTERS = 40  # of a number that is rejected
 _MAX_EXACT_INTEGER = 2**53  # a double holds every whole number below it
 
 
@@ -30,7 +31,7 @@ def parse_json(text: bytes | str) -> Any:
         return json.loads(
             text.decode("utf-8") if isinstance(text, bytes) else text,
             object_pairs_hook=_object,
-            parse_constant=_reject_number,
+            parse_constant=_reject_constant,
             parse_int=_parse_integer,
             parse_float=_parse_float,
         )
@@ -47,16 +48,18 @@ def _object(pairs: list[tuple[str, Any]]) -> Json:
     return members
 
 
-def _reject_number(text: str) -> float:
-    raise MalformedJson(text[:40])
+def _reject_constant(text: str) -> NoReturn:
+    raise MalformedJson(text)
 
 
 def _parse_integer(text: str) -> int:
-    return int(text) if len(text) <= _MAX_INTEGER_DIGITS else int(_reject_number(text))
+    if len(text) > _MAX_INTEGER_DIGITS:
+        raise MalformedJson(text[:_SHOWN_CHARACTERS])
+    return int(text)
 
 
 def _parse_float(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
-        return _reject_number(text)
+        raise MalformedJson(text[:_SHOWN_CHARACTERS])
     return int(value) if value.is_integer() and abs(value) < _MAX_EXACT_INTEGER else value

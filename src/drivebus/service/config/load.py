@@ -206,5 +206,5 @@ def _plant_table(file: Path) -> dict[str, Any]:
     try:
         match = _PLANT_TABLE.search(file.read_text(encoding="utf-8-sig", errors="replace"))
         return {} if match is None else tomllib.loads(match[1])
-    except (OSError, ValueError, RecursionError):  # ValueError also for a number of more than 4,300 digits
+    except (OSError, ValueError, RecursionError):  # ValueError also for a number with too many digits for Python
         return {}
