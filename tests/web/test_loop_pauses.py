@@ -31,3 +31,21 @@ def test_requests_that_waited_during_a_long_pause_are_found_until_they_are_worke
         measuring.cancel()
 
     loop.run_until_complete(scenario())
+
+
+def test_a_pause_soon_after_a_longer_one_counts_for_its_own_length_too() -> None:
+    loop = VirtualLoop()
+    pauses = LoopPauses()
+
+    async def scenario() -> None:
+        measuring = asyncio.create_task(pauses.run())
+        await asyncio.sleep(0.1)
+        for pause_s, then_s in ((10.0, 6.0), (3.0, 2.5)):
+            loop._now += pause_s  # the loop does not run meanwhile
+            await asyncio.sleep(then_s)
+        assert pauses.recent_pause_s() == pytest.approx(3.0, abs=0.25)
+        await asyncio.sleep(0.8)
+        assert pauses.recent_pause_s() == pytest.approx(0.0)
+        measuring.cancel()
+
+    loop.run_until_complete(scenario())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from math import inf
 
 MEASURING_INTERVAL_S = 0.25
 MIN_BACKLOG_S, MAX_BACKLOG_S = 1.0, 30.0
@@ -20,7 +19,8 @@ class LoopPauses:
     def __init__(self) -> None:
         self._last_iteration_at: float | None = None
         """Time at which ``run`` last measured; None where it is not under way."""
-        self._last_pause_s, self._last_pause_ended_at = 0.0, -inf
+        self._ended_pauses: list[tuple[float, float]] = []
+        """Lengths of pauses, each with the time until which requests are read that waited during it."""
 
     async def run(self) -> None:
         """Measure until cancelled."""
@@ -30,21 +30,20 @@ class LoopPauses:
                 self._last_iteration_at = clock()
                 await asyncio.sleep(MEASURING_INTERVAL_S)
                 now = clock()
-                if (pause_s := self._present_pause_s(now)) >= self._ended_pause_s(now):
-                    self._last_pause_s, self._last_pause_ended_at = pause_s, now
+                pause_s = self._present_pause_s(now)
+                backlog_s = min(max(MIN_BACKLOG_S, pause_s), MAX_BACKLOG_S)
+                self._ended_pauses = [one for one in self._ended_pauses if one[1] > now]
+                self._ended_pauses.append((pause_s, now + backlog_s))
         finally:
             self._last_iteration_at = None
 
     def recent_pause_s(self) -> float:
         """Return the longest pause of the loop during which a request that is read now may have waited."""
         now = asyncio.get_running_loop().time()
-        return max(self._present_pause_s(now), self._ended_pause_s(now))
+        ended = (pause_s for pause_s, until in self._ended_pauses if now < until)
+        return max([self._present_pause_s(now), *ended])
 
     def _present_pause_s(self, now: float) -> float:
-        return (
-            0.0 if self._last_iteration_at is None else max(0.0, now - self._last_iteration_at - MEASURING_INTERVAL_S)
-        )
-
-    def _ended_pause_s(self, now: float) -> float:
-        backlog_s = min(max(MIN_BACKLOG_S, self._last_pause_s), MAX_BACKLOG_S)
-        return self._last_pause_s if now - self._last_pause_ended_at < backlog_s else 0.0
+        if self._last_iteration_at is None:
+            return 0.0
+        return max(0.0, now - self._last_iteration_at - MEASURING_INTERVAL_S)
