@@ -125,7 +125,7 @@ def test_the_notes_of_a_plain_view_fit_a_narrow_terminal(
         def messages() -> list[str]:
             return ["Only reads are sent."]
 
-    monkeypatch.setattr(output, "wrap_for", lambda text, _: f"[{text}]")
+    monkeypatch.setattr(output, "wrap_for", lambda text, *_: f"[{text}]")
     source: Any = Source()
     assert plain._print_new_messages(source, 0) == 1
     assert capsys.readouterr().out == "[Only reads are sent.]\n"
