@@ -71,6 +71,10 @@ class SocketServer:
             self._connections.discard(task)
 
 
+_INVALID_REQUEST = (ValueError, OverflowError, KeyError, TypeError)
+"""Errors of a line that is too long, no JSON or no request."""
+
+
 class _ClientConnection:
     """Connection of one client."""
 
@@ -89,13 +93,7 @@ class _ClientConnection:
         try:
             while line := await self._reader.readline():
                 self._handle(parse_json(line))
-        except (
-            ValueError,
-            OverflowError,
-            KeyError,
-            TypeError,
-            ConnectionError,
-        ) as error:  # too long, no JSON, no request
+        except (*_INVALID_REQUEST, ConnectionError) as error:
             LOG.warning(i18n.preferred_text("log.client_disconnected", reason=type(error).__name__))
         finally:
             ending = tuple(self._ending_tasks.values())

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Annotated, Any
 
 from pydantic import Field, StrictBool, TypeAdapter, ValidationError
@@ -124,7 +124,8 @@ class RunStatistics:
 
 
 _ADAPTER = TypeAdapter(RunStatistics)
-_NOT_STORED = {"_observed_at", "_power_kw"}  # they are of the last observation, and only for the next one
+_NOT_STORED = {each.name for each in fields(RunStatistics) if not each.init}
+"""Fields of the last observation, which only the next one needs."""
 
 
 def _good_value(signal: SignalView | None, unit: str) -> float | None:
