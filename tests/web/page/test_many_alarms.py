@@ -89,6 +89,7 @@ def test_an_alarm_that_still_holds_says_who_has_acknowledged_it(stage: Stage, vi
     for fan in FANS:
         trip(stage, fan)
     page = visit("#/alarms", role="operator", language=language)
+    page.locator(".alarmrow.group").wait_for()
     page.locator(".alarmrow:not(.group) [data-alarm=acknowledge]").click()
     page.locator(".alarmrow.group [data-alarm=acknowledge]").click()
     by = i18n.text("page.acknowledged_by", language, by="operator", time="")
