@@ -158,6 +158,15 @@ def test_a_password_that_is_chosen_can_be_read_and_is_hidden_at_first(
     assert field.get_attribute("type") == "password"
 
 
+def test_no_name_password_or_secret_is_given_to_the_spelling_check_of_the_browser(new_plant: Stage, visit: Any) -> None:
+    """Some browsers send what they check to a server of their maker, also a password while it is shown."""
+    page = visit("#/fleet", role=None)
+    page.get_by_role("button", name=i18n.text("page.show_password", "en")).click()
+    fields = page.locator("form input")
+    assert fields.count() == 3
+    assert fields.evaluate_all("all => all.filter((field) => field.spellcheck).map((field) => field.name)") == []
+
+
 def test_language_and_theme_are_the_same_in_each_tab_of_a_browser(visit: Any) -> None:
     """Regression: a second tab kept its language until its reload, and two screens of one desk differed."""
     first = visit("#/fleet", role=None)

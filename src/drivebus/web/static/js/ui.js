@@ -42,7 +42,7 @@ export function PasswordField({ label, help, wrong, ...input }) {
   const id = useId();
   const note = help || wrong ? `${id}-note` : undefined;
   return html`<div class="field"><label class="label" for=${id}>${label}</label><div class="password"><input ...${input} id=${id}
-    type=${shown ? "text" : "password"} spellcheck="false" autocapitalize="none" aria-describedby=${note} />
+    type=${shown ? "text" : "password"} spellcheck=${false} autocapitalize="none" aria-describedby=${note} />
     <${Button} icon=${shown ? "eye_off" : "eye"} title=${t("page.show_password")} aria-label=${t("page.show_password")}
       aria-pressed=${shown ? "true" : "false"} aria-controls=${id} onClick=${() => setShown(!shown)} /></div>
     <${FieldNote} id=${note} help=${help} wrong=${wrong} /></div>`;

@@ -19,7 +19,7 @@ function Form({ title, note, fields, isNew, submit, send }) {
   return html`<form ref=${form} class="login" onSubmit=${go}><h1>${title}</h1>${note}
     ${fields.map(([name, complete]) => html`<${Field} key=${name} label=${t(`page.login_${name}`)}>
       <input name=${name} type="text" autocomplete=${complete} required value=${values[name] ?? ""}
-        onInput=${put(name)} spellcheck="false" autocapitalize="none" /><//>`)}
+        onInput=${put(name)} spellcheck=${false} autocapitalize="none" /><//>`)}
     <${PasswordField} name="password" label=${t("page.login_password")} required value=${values.password ?? ""}
       autocomplete=${isNew ? "new-password" : "current-password"} help=${isNew && passwordHelp()}
       minlength=${isNew ? MIN_PASSWORD_LENGTH : undefined} onInput=${put("password")} />

@@ -29,7 +29,7 @@ export function Configuration() {
 
 function Check({ text, onChange, isChanged, onBack }) {
   const [execute, busy, error, result, clear] = useRequest();
-  return html`<${Field} label="plant.toml"><textarea class="mono" rows="18" spellcheck="false" wrap="off" value=${text}
+  return html`<${Field} label="plant.toml"><textarea class="mono" rows="18" spellcheck=${false} wrap="off" value=${text}
       onInput=${(event) => { clear(); onChange(event.target.value); }}></textarea><//>
     <div class="row"><${Button} busy=${busy} onClick=${() => execute(() => checkText(text))}
       data-configuration="check">${t("page.check")}<//>
