@@ -32,7 +32,7 @@ def parse_decimal(text: str) -> float:
 
 
 YES_WORDS = frozenset({"y", "yes", "是"})
-"""Answers that agree to a question, in lower case and half-width characters."""
+"""Answers that agree to a question, as ``normalize_answer`` returns them."""
 _TRUE, _FALSE = frozenset({"true", "yes", "on", "1"}), frozenset({"false", "no", "off", "0"})
 
 
@@ -55,6 +55,11 @@ def half_width(text: str) -> str:
     A Chinese range, ``1～8``, becomes ``1-8``.
     """
     return _CHINESE_RANGE.sub("-", text).translate(_HALF_WIDTH)
+
+
+def normalize_answer(text: str) -> str:
+    """Return a typed key or word as without Caps Lock and without the full-width mode of an input method."""
+    return half_width(text).lower()
 
 
 def parse_hex_word(text: str) -> int | None:

@@ -31,7 +31,7 @@ from drivebus.commissioning.acceptance import (
 )
 from drivebus.errors import StopUnconfirmed
 from drivebus.service.process.module_command import module_command
-from drivebus.values import half_width
+from drivebus.values import normalize_answer
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus
@@ -80,7 +80,7 @@ class TerminalAcceptance(AcceptanceSession):
         if not sys.stdin.isatty():
             return ""
         output.print_note(key, **params)
-        return half_width(await self.race(_read_line())).strip().lower()
+        return normalize_answer(await self.race(_read_line())).strip()
 
 
 async def _boxed(work: Awaitable[T]) -> tuple[T]:

@@ -14,7 +14,7 @@ from drivebus.cli.click_ext import CliCommand
 from drivebus.cli.connect import Target
 from drivebus.cli.drive_command import must_stop_after, pop_target, print_outcome
 from drivebus.cli.errors import ExitCode
-from drivebus.values import half_width
+from drivebus.values import normalize_answer
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus
@@ -44,7 +44,7 @@ class CalibrationSession:
 
     async def confirmed(self, question: str, **params: Any) -> bool:
         """Return whether the answer is y."""
-        return half_width(await self.key(question, **params) or "").lower() == "y"
+        return normalize_answer(await self.key(question, **params) or "") == "y"
 
 
 async def _calibrate(target: Target) -> ExitCode:
@@ -84,7 +84,7 @@ async def _run_step(session: CalibrationSession, step: CalibrationStep) -> ExitC
 
     async def observe() -> Any:
         assert step.observation_question is not None
-        return step.observations.get(half_width(await session.key(step.observation_question) or "").lower())
+        return step.observations.get(normalize_answer(await session.key(step.observation_question) or ""))
 
     if not await session.confirmed(step.question, **step.question_params):
         return ExitCode.INTERRUPTED

@@ -15,7 +15,7 @@ from drivebus.cli.click_ext import Option
 from drivebus.cli.connect import Target
 from drivebus.cli.drive_command import drive_command, print_comm_loss
 from drivebus.cli.errors import ExitCode
-from drivebus.values import half_width
+from drivebus.values import normalize_answer
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus
@@ -73,7 +73,7 @@ async def _until_quit(
 ) -> None:
     while not shutdown.received:
         key = await shutdown.interruptible(keys.get())
-        if key is None or _letter(key) in QUIT_KEYS:
+        if key is None or normalize_answer(key) in QUIT_KEYS:
             return
         direction = _direction(key)
         if direction is not None and await _is_held(bus, keys, key):
@@ -82,15 +82,10 @@ async def _until_quit(
             keys.clear()
 
 
-def _letter(key: str) -> str:
-    """Return a key as it is without Caps Lock and without the full-width mode of an input method."""
-    return half_width(key).lower()
-
-
 def _direction(key: str) -> Direction | None:
     from drivebus.drives.state import Direction
 
-    key = _letter(key)
+    key = normalize_answer(key)
     return Direction.FORWARD if key in FORWARD_KEYS else Direction.REVERSE if key in REVERSE_KEYS else None
 
 
