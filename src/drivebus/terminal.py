@@ -4,19 +4,10 @@ from __future__ import annotations
 
 import errno
 import os
-import re
 import stat
 import sys
 from contextlib import suppress
 from typing import TextIO
-
-CONTROL_CODES = re.compile(r"[\x00-\x1f\x7f-\x9f]")
-"""Control codes, by which a text could move the cursor, clear the screen or set the title of a terminal."""
-
-
-def without_control_codes(text: str, *, keep: str = "") -> str:
-    """Replace the control codes of a text that comes from elsewhere by ``�``, except those to ``keep``."""
-    return CONTROL_CODES.sub(lambda found: found[0] if found[0] in keep else "�", text)
 
 
 def open_missing_streams() -> None:

@@ -72,3 +72,11 @@ def test_a_json_document_has_every_control_code_as_an_escape(capsys: pytest.Capt
     printed = capsys.readouterr().out
     assert json.loads(printed) == value and "变" in printed
     assert all(char.isprintable() or char == "\n" for char in printed)
+
+
+def test_a_bidirectional_mark_of_a_device_does_not_reorder_a_printed_line(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Only the responses of a service were free of these marks."""
+    output.print_text("adapter \u202e1 yportlairesu\u2066 \u200b变")
+    assert capsys.readouterr().out == "adapter �1 yportlairesu� �变\n"

@@ -15,9 +15,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from drivebus.control_characters import without_control_characters
 from drivebus.errors import ConfigurationError, SystemReason
 from drivebus.serial_settings import SerialSettings
-from drivebus.terminal import without_control_codes
 from drivebus.types import Json
 
 RECORD_KINDS = ("rx", "tx", "event")
@@ -173,9 +173,9 @@ def _parse_header(file: str, value: Json) -> CaptureHeader:
         raise CaptureError("capture.version", file=file, line=1, found=version, expected=VERSION)
     return CaptureHeader(
         settings=_parse_settings(file, value),
-        port=without_control_codes(str(value.get("port", ""))),
-        started=without_control_codes(str(value.get("started", ""))),
-        writer=without_control_codes(str(value.get("writer", ""))),
+        port=without_control_characters(str(value.get("port", ""))),
+        started=without_control_characters(str(value.get("started", ""))),
+        writer=without_control_characters(str(value.get("writer", ""))),
     )
 
 

@@ -13,6 +13,7 @@ import click
 
 from drivebus import i18n
 from drivebus.cli import output
+from drivebus.control_characters import without_control_characters
 from drivebus.errors import (
     AddressError,
     AlphabetError,
@@ -27,7 +28,6 @@ from drivebus.errors import (
     SystemReason,
     TerminatorError,
 )
-from drivebus.terminal import without_control_codes
 from drivebus.values import half_width
 
 _TEXT_CHARACTER = re.compile(r"[\s一-鿿]")
@@ -263,7 +263,7 @@ def _parameter_name(error: click.BadParameter) -> str:
 
 
 def _print_error_line(sentence: str) -> None:
-    text = without_control_codes(output.wrap_for(f"drivebus: {sentence}", sys.stderr), keep="\n\t")
+    text = without_control_characters(output.wrap_for(f"drivebus: {sentence}", sys.stderr), keep="\n\t")
     output.echo(click.style(text, fg="red") if supports_colour(sys.stderr) else text, err=True, controls=True)
 
 

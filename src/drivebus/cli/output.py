@@ -17,8 +17,9 @@ import click
 
 from drivebus import i18n
 from drivebus.cli.background_output import background_stream
+from drivebus.control_characters import CONTROL_CHARACTERS, without_control_characters
 from drivebus.errors import SystemReason
-from drivebus.terminal import CONTROL_CODES, discard_output, without_control_codes
+from drivebus.terminal import discard_output
 
 _UNLIMITED_CELLS = 10_000  # width of an output that is no terminal
 _MAX_PAGE_CELLS = 98  # lines of text are no longer, however wide the terminal is
@@ -105,11 +106,11 @@ def continue_without_output() -> Iterator[None]:
 def echo(ready: str, *, err: bool = False, nl: bool = True, controls: bool = False) -> None:
     """Print a text on standard output or ``err``. Raises OSError, but not in ``continue_without_output``.
 
-    Control codes but tabs and line breaks come from a file, a device or a service and are replaced, except in a text
-    that ``controls`` the terminal by its own.
+    Control characters but tabs and line breaks come from a file, a device or a service and are replaced, except in a
+    text that ``controls`` the terminal by its own.
     """
     if not controls:
-        ready = without_control_codes(ready, keep="\n\t")
+        ready = without_control_characters(ready, keep="\n\t")
     stream = sys.stderr if err else sys.stdout
     try:
         if (background := background_stream(stream)) is not None:
@@ -162,11 +163,11 @@ def print_json(value: Any, *, stream: bool = False) -> None:
     """Print a JSON document with ``--json``; ``stream`` puts it on one line."""
     if as_json():
         document = json.dumps(value, ensure_ascii=False, indent=None if stream else 2, default=to_json_value)
-        echo(CONTROL_CODES.sub(_json_escape, document))
+        echo(CONTROL_CHARACTERS.sub(_json_escape, document))
 
 
 def _json_escape(found: re.Match[str]) -> str:
-    """Return a control code as JSON has it within a string; the line breaks between members stay."""
+    """Return a control character as JSON has it within a string; the line breaks between members stay."""
     return "\n" if found[0] == "\n" else f"\\u{ord(found[0]):04x}"
 
 

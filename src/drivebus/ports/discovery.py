@@ -8,8 +8,8 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from drivebus.control_characters import without_control_characters
 from drivebus.ports import latency_timer, serialx_adapter
-from drivebus.terminal import without_control_codes
 
 PROC = Path("/proc")
 BY_ID = Path("/dev/serial/by-id")
@@ -107,7 +107,7 @@ def _usb_identity(device: serialx_adapter.Device) -> str:
 def _description(device: serialx_adapter.Device) -> str:
     words = [device.manufacturer, device.product, device.interface_description]
     text = " ".join(dict.fromkeys(word.strip() for word in words if word))
-    return without_control_codes(text) or Path(device.resolved_device).name
+    return without_control_characters(text) or Path(device.resolved_device).name
 
 
 def _udev_links(folder: Path) -> dict[str, str]:
@@ -151,7 +151,7 @@ def process_name(pid: int) -> str:
     """Return the name of a process, empty where it has ended."""
     try:
         name = (PROC / str(pid) / "comm").read_text(encoding="utf-8", errors="replace").removesuffix("\n")
-        return without_control_codes(name).strip()
+        return without_control_characters(name).strip()
     except OSError:
         return ""
 

@@ -6,7 +6,6 @@ Profiles and ``plant.toml`` share them; each file type may have a text catalogue
 from __future__ import annotations
 
 import difflib
-import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,21 +13,11 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from drivebus import i18n
+from drivebus.control_characters import CONTROL_CHARACTERS, without_control_characters
 from drivebus.errors import ProfileError, SystemReason
 from drivebus.values import Text, bilingual_text
 
 KeyPath = tuple[str | int, ...]
-CONTROL_RANGES = r"\x00-\x1f\x7f-\x9f\u061c\u200b\u200e\u200f\u2028-\u202e\u2060\u2066-\u2069\ufeff"
-"""Control characters, line separators, invisible spaces and bidirectional marks, as the inside of a character class."""
-CONTROL_CHARACTERS = re.compile(f"[{CONTROL_RANGES}]")
-INVISIBLE_RANGES = (
-    r"\xad\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180f\u200c\u200d\u2061-\u2065\u206a-\u206f"
-    r"\u2800\u3164\ufe00-\ufe0f\uffa0\ufff0-\ufff8"
-)
-"""Characters that have no shape of their own, but a use within a text (Unicode: Default_Ignorable_Code_Point), and the
-blank braille pattern.
-"""
-_VISIBLE = re.compile(rf"[^\s{CONTROL_RANGES}{INVISIBLE_RANGES}\U000e0000-\U000e0fff]")
 DEFAULT_CATALOGUE = "profiles"
 """Catalogue of the texts that every file type may use."""
 
@@ -85,17 +74,12 @@ def control_character_issues(value: Any, path: KeyPath = (), multiline: Collecti
         text = value.replace("\n", " ").replace("\t", " ") if path and path[-1] in multiline else value
         match = CONTROL_CHARACTERS.search(text)
         if match is not None:
-            yield issue("control_character", path, CONTROL_CHARACTERS.sub("�", value), code=f"U+{ord(match[0]):04X}")
-
-
-def is_blank(text: str) -> bool:
-    """Return whether a text shows nothing: spaces, control and invisible characters only, or none at all."""
-    return _VISIBLE.search(text) is None
+            yield issue("control_character", path, without_control_characters(value), code=f"U+{ord(match[0]):04X}")
 
 
 def printable_text(key: str, language: str, /, **params: Any) -> str:
     """Return a text without control characters: a file may hold them, a log or a terminal must not get them."""
-    return CONTROL_CHARACTERS.sub("�", i18n.text(key, language, **params))
+    return without_control_characters(i18n.text(key, language, **params))
 
 
 @dataclass(frozen=True, slots=True)

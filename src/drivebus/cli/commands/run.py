@@ -19,7 +19,7 @@ from drivebus.cli.drive_command import (
     stop_and_print,
 )
 from drivebus.cli.errors import ExitCode
-from drivebus.terminal import without_control_codes
+from drivebus.control_characters import without_control_characters
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -216,7 +216,7 @@ def _redraw(text: str) -> None:
         return
     if sys.stdout.isatty():
         line = (output.wrap(text, output.terminal_width(sys.stdout)) or [""])[0]
-        output.echo(f"\r\x1b[K{without_control_codes(line)}", nl=False, controls=True)
+        output.echo(f"\r\x1b[K{without_control_characters(line)}", nl=False, controls=True)
     else:
         output.echo(text)
 

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, urlencode, urlsplit
 
 from drivebus.cli.remote.unknown_outcome import outcome_unknown_on_loss
+from drivebus.control_characters import without_control_characters
 from drivebus.errors import ConfigurationError, ServiceUnavailable, SystemReason
-from drivebus.profiles.diagnostics import CONTROL_CHARACTERS
 from drivebus.service.config.loopback import is_loopback
 from drivebus.types import Json
 
@@ -106,7 +106,7 @@ def http_request(operation: Operation, params: Json) -> tuple[str, str, bytes | 
 def printable_values(value: Any) -> Any:
     """Return a value of a response without control characters but line breaks: a terminal executes the others."""
     if isinstance(value, str):
-        return CONTROL_CHARACTERS.sub(lambda found: found[0] if found[0] in "\n\t" else "�", value)
+        return without_control_characters(value, keep="\n\t")
     if isinstance(value, dict):
         return {printable_values(name): printable_values(inner) for name, inner in value.items()}
     return [printable_values(inner) for inner in value] if isinstance(value, list) else value

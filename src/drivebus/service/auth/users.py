@@ -18,8 +18,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from drivebus import i18n
 from drivebus.atomic_write import PRIVATE_FILE_MODE, atomic_write_private
+from drivebus.control_characters import CONTROL_CHARACTERS, is_blank, without_control_characters
 from drivebus.errors import ConfigurationError, SystemReason
-from drivebus.profiles.diagnostics import CONTROL_CHARACTERS, is_blank
 from drivebus.service.auth.errors import Conflict, InvalidInput, ResourceNotFound
 from drivebus.service.auth.names import appearance, check_user_name, normalized_name
 from drivebus.service.auth.rights import ROLE_RIGHTS, Right, Role
@@ -145,7 +145,7 @@ class UserDatabase:
         Raises Conflict beyond ``MAX_TOKENS_PER_USER``; those that have expired make room.
         """
         if CONTROL_CHARACTERS.search(token.name) or is_blank(token.name):
-            raise InvalidInput("auth.bad_label", name=CONTROL_CHARACTERS.sub("�", token.name))
+            raise InvalidInput("auth.bad_label", name=without_control_characters(token.name))
         beyond = set(token.rights) - ROLE_RIGHTS[self.user(token.user).role]
         if beyond or not token.rights:
             raise InvalidInput("auth.beyond_role", rights=tuple(sorted(beyond)))

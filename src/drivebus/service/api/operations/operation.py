@@ -18,7 +18,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from pydantic_core import PydanticCustomError
 
 from drivebus.clock import MAX_TIME_MS
-from drivebus.profiles.diagnostics import CONTROL_CHARACTERS, CONTROL_RANGES, INVISIBLE_RANGES, is_blank
+from drivebus.control_characters import CONTROL_CHARACTERS, CONTROL_RANGES, INVISIBLE_RANGES, is_blank
 from drivebus.service.api.errors import params_error, pydantic_faults
 from drivebus.service.auth.rights import RequiredAccess, Right
 from drivebus.service.ids import Id
