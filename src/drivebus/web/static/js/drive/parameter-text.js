@@ -1,6 +1,6 @@
 // Range and values of a parameter, for the table of parameters and the review of changes.
 import { html } from "../lib.js";
-import { localized } from "../i18n.js";
+import { localized, t } from "../i18n.js";
 import { NO_VALUE, number } from "../format.js";
 
 /** More choices are folded below their range. */
@@ -27,4 +27,10 @@ export function Range({ parameter }) {
 export function valueText(parameter, value, raw) {
   const text = parameter.choices[String(raw ?? value)];
   return text ? `${number(raw ?? value)} ${localized(text)}` : number(value);
+}
+
+/** Why the value of a parameter is uncertain, on a line of its own. */
+export function UncertainNote({ quality, reason }) {
+  if (quality !== "uncertain") return null;
+  return html`<div class="small doubtful">${t("page.quality_uncertain")}${reason && t("page.colon") + t(reason)}</div>`;
 }

@@ -11,7 +11,7 @@ import { hasControl } from "../control/leases.js";
 import { SearchField, hasWords } from "../search.js";
 import { Button, ErrorNote, Table } from "../ui.js";
 import { EvidenceNote } from "./evidence.js";
-import { Range, valueText } from "./parameter-text.js";
+import { Range, UncertainNote, valueText } from "./parameter-text.js";
 import { Review } from "./review.js";
 
 /** Parameters of one request: a bus at 9,600 baud reads these in about a second. */
@@ -20,7 +20,7 @@ const READ_BATCH = 16;
 function Cell({ parameter, found }) {
   if (!found) return NO_VALUE;
   if (found.value === null) return html`<span class="soft">${found.reason ? t(found.reason) : NO_VALUE}</span>`;
-  return html`<b>${valueText(parameter, found.value, found.raw)}</b>`;
+  return html`<b>${valueText(parameter, found.value, found.raw)}</b><${UncertainNote} ...${found} />`;
 }
 
 /** Read parameters in batches: {values, left, error, read, stop}. */

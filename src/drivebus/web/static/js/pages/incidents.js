@@ -11,6 +11,7 @@ import { loadStylesheet } from "../stylesheet.js";
 import { Button, ErrorNote, Loading, Notice, Table, useLoaded, useRequest } from "../ui.js";
 import { ReasonField, isLongEnough } from "../control/reason-field.js";
 import { adviceOf, faultText, namesFault } from "../drive/faults.js";
+import { UncertainNote } from "../drive/parameter-text.js";
 import { IncidentList } from "../alarms/incident-list.js";
 import { saveText } from "../save.js";
 import { serviceNow } from "../store.js";
@@ -128,8 +129,8 @@ function Parameters({ parameters, isReading }) {
 }
 
 /** Value of a parameter, or the reason why it could not be read. */
-function valueOrReason({ value, unit, reason }) {
-  if (value !== null) return `${value} ${unit ?? ""}`;
+function valueOrReason({ value, unit, quality, reason }) {
+  if (value !== null) return html`${value} ${unit ?? ""}<${UncertainNote} quality=${quality} reason=${reason} />`;
   return html`<span class="small">${reason ? t(reason) : t("page.no_value")}</span>`;
 }
 
