@@ -277,7 +277,7 @@ async def test_a_bus_hides_the_wake_up_of_its_timer_from_115200_baud_on(baud: in
             assert found == [hides]
 
 
-async def test_one_backend_serves_many_timers_and_a_moved_timer_fires_once() -> None:
+async def test_one_queue_serves_many_timers_and_a_moved_timer_fires_once() -> None:
     loop = asyncio.get_running_loop()
     first, second = timers.acquire(loop), timers.acquire(loop)
     assert first is second

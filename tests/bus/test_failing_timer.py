@@ -102,3 +102,29 @@ def test_a_bus_whose_clock_stands_still_does_not_block_the_others() -> None:
         await bus.close()
 
     run(main())
+
+
+def test_a_timer_never_fires_early_on_a_loop_that_calls_back_early() -> None:
+    """asyncio calls back earlier by up to the resolution of its clock, 15.6 ms on Windows: a gap would be short."""
+
+    class EarlyOnce(VirtualLoop):
+        early_s = 0.0156
+
+        def call_at(self, when: float, callback: Any, *args: Any, context: Any = None) -> Any:
+            early_s, self.early_s = self.early_s, 0.0
+            return super().call_at(when - early_s, callback, *args, context=context)
+
+    loop, fired = EarlyOnce(), list[float]()
+    timer = timers.EventLoopTimer(loop, lambda: fired.append(loop.time()))  # type: ignore[arg-type]
+    timer.set(0.03)
+    loop.run_until(1.0)
+    assert fired == [0.03]
+
+
+def test_a_moved_timer_of_a_loop_calls_back_once_at_its_new_time() -> None:
+    loop, fired = VirtualLoop(), list[float]()
+    timer = timers.EventLoopTimer(loop, lambda: fired.append(loop.time()))  # type: ignore[arg-type]
+    for when in (0.5, 0.2, None, 0.3):
+        timer.set(when)
+    loop.run_until(1.0)
+    assert fired == [0.3]

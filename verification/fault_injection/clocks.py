@@ -295,7 +295,7 @@ def is_simulator_timer(timer: VirtualTimer) -> bool:
 
 def is_bus_timer(timer: VirtualTimer) -> bool:
     """Return whether this is the bus's timer, whose clock continues during a suspend."""
-    return isinstance(getattr(timer.callback, "__self__", None), timers._LoopTimer)
+    return isinstance(getattr(timer.callback, "__self__", None), timers.EventLoopTimer)
 
 
 class HostSleepScenario:

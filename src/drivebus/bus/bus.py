@@ -92,7 +92,7 @@ class Bus:
         if self._loop is not None:
             return
         loop = asyncio.get_running_loop()
-        queue = timers.acquire(loop)
+        loop_timers = timers.acquire(loop)
         try:
             await self.port.open(self)
         except BaseException as error:
@@ -101,11 +101,13 @@ class Bus:
                 raise
             raise PortUnavailable("ports.failed", port=self.port.url, reason=SystemReason(error)) from error
         self._loop = loop
-        self._clock = self._clock or queue.now
+        self._clock = self._clock or loop_timers.now
         character_s = self.core.character_s
-        self._timer = queue.create_timer(self._on_timer, hides_wake_up=character_s < HIDDEN_WAKE_UP_MAX_CHARACTER_S)
+        self._timer = loop_timers.create_timer(
+            self._on_timer, hides_wake_up=character_s < HIDDEN_WAKE_UP_MAX_CHARACTER_S
+        )
         fast = character_s < FAST_BUS_CHARACTER_S
-        self._spins_gaps = queue.precise and self._pausable_port is not None and fast
+        self._spins_gaps = loop_timers.precise and self._pausable_port is not None and fast
         self._pauses_reader = self._pausable_port is not None and not fast
         self._on_port_open()
 

@@ -1,8 +1,8 @@
-"""Precise timer queue of an event loop, shared by all its buses.
+"""Timers of the buses of an event loop.
 
 An asyncio loop on Linux sleeps in whole milliseconds and wakes 0.1 to 0.3 ms late, at 19,200 baud half a character gap,
-so a timerfd wakes its selector. Where there is none (Windows, macOS, virtual loops) the loop's own ``call_at`` and its
-clock serve.
+so there a timerfd wakes its selector: ``TimerQueue``, shared by all buses of the loop. Elsewhere (Windows, macOS,
+virtual loops) the loop's own ``call_at`` and clock serve: ``EventLoopTimers``.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ import asyncio
 import contextlib
 import sys
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import partial
 from heapq import heappop, heappush
-from typing import Protocol
 from weakref import WeakKeyDictionary
 
 from drivebus.timerfd import CLOCK_BOOTTIME, TimerFd
@@ -33,72 +33,116 @@ Python's own is 5 ms. A transaction takes several wake-ups: a busy thread cost f
 each command tens of milliseconds."""
 
 
-class TimerBackend(Protocol):
-    """Timer that calls back at one moment. ``armed_at``: when, NEVER if not at all (as while it calls back)."""
+class BusTimer(ABC):
+    """The next moment of one bus, after which the timer calls back once. ``when``: that moment, NEVER for none."""
 
-    armed_at: float
+    __slots__ = ("_callback", "when")
 
-    def arm(self, when: float) -> None: ...
-    def close(self) -> None: ...
+    def __init__(self, callback: Callable[[], None]) -> None:
+        self._callback = callback
+        self.when = NEVER
+
+    @abstractmethod
+    def set(self, when: float | None) -> None:
+        """Call back at ``when`` on the clock of its timers (None: not at all), instead of at the moment before."""
+
+    def fire(self, now: float) -> None:
+        """Call back now."""
+        when, self.when = self.when, NEVER
+        self._callback()
+        if self.when == when:  # the bus has a clock of its own, which is behind
+            self.set(now + SLOW_CLOCK_RETRY_S)
 
 
-class BusTimer:
-    """The next moment of one bus. ``set`` replaces the moment before."""
+class QueuedTimer(BusTimer):
+    """A timer in the queue of the kernel timers. Moving it later costs nothing."""
 
-    __slots__ = ("_queue", "callback", "lead_s", "queued_times", "when")
+    __slots__ = ("_queue", "lead_s", "queued_times")
 
     def __init__(self, queue: TimerQueue, callback: Callable[[], None], lead_s: float) -> None:
+        super().__init__(callback)
         self._queue = queue
-        self.callback = callback
         self.lead_s = lead_s
         """The queue wakes so long before ``when``, and waits out the rest in a loop."""
-        self.when = NEVER
         self.queued_times: list[float] = []
         """The moments at which the queue checks this timer, the next one last."""
 
     def set(self, when: float | None) -> None:
-        """Call back at ``when`` on the queue's clock (None: not at all). Moving it later costs nothing."""
         self.when = NEVER if when is None else when
         check_at = self.when - self.lead_s
         if when is not None and (not self.queued_times or check_at < self.queued_times[-1]):
             self._queue.schedule(self, check_at)
 
 
-class TimerQueue:
-    """All timers of one loop in one heap, and the backends that wake the loop for them."""
+class EventLoopTimer(BusTimer):
+    """A timer of the event loop itself."""
+
+    __slots__ = ("_handle", "_loop")
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
+        super().__init__(callback)
+        self._loop = loop
+        self._handle: asyncio.TimerHandle | None = None
+
+    def set(self, when: float | None) -> None:
+        self.when = NEVER if when is None else when
+        if self._handle is not None:
+            self._handle.cancel()
+        self._handle = None if when is None else self._loop.call_at(when, self._on_expired)
+
+    def _on_expired(self) -> None:
+        self._handle = None
+        now = self._loop.time()
+        if now < self.when:  # a loop calls back earlier by up to the resolution of its clock
+            self.set(self.when)
+        else:
+            self.fire(now)
+
+
+class EventLoopTimers:
+    """Timers of an event loop without kernel timers."""
+
+    precise = False
+    user_count = 0
+    """Buses that have acquired these timers and not released them."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
-        self._heap: list[tuple[float, int, BusTimer]] = []
+        self._loop = loop
+        self.now: Callable[[], float] = loop.time
+
+    def create_timer(self, callback: Callable[[], None], *, hides_wake_up: bool = False) -> BusTimer:
+        """Return a timer of this loop. ``hides_wake_up`` has no effect: how late the loop wakes is not known."""
+        return EventLoopTimer(self._loop, callback)
+
+    def close(self) -> None:
+        """Nothing is left to close: each bus unsets its timer."""
+
+
+class TimerQueue:
+    """All timers of one loop in one heap, and the two kernel timers that wake the loop for them. Linux only."""
+
+    precise = True
+    user_count = 0
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Raises OSError, NotImplementedError or AttributeError where the system or the loop has no such timer."""
+        self._heap: list[tuple[float, int, QueuedTimer]] = []
         self._count = 0
         self._running = False
-        self.user_count = 0
-        """Buses that have acquired this queue and not released it."""
-        self.precise = False
-        """Whether kernel timers are in use."""
-        self.now: Callable[[], float] = loop.time
-        sys.setswitchinterval(min(sys.getswitchinterval(), MAX_SWITCH_INTERVAL_S))
-        self._near, self._far = self._create_backends(loop)
-
-    def _create_backends(self, loop: asyncio.AbstractEventLoop) -> tuple[TimerBackend, TimerBackend]:
-        if sys.platform == "linux":
-            with contextlib.suppress(OSError, NotImplementedError, AttributeError):
-                near = _KernelTimer(loop, self._run_due)
-                try:
-                    far = _KernelTimer(loop, self._run_due)
-                except BaseException:
-                    near.close()
-                    raise
-                self.precise = True
-                # This clock goes on while the system is suspended: a command queued before has expired afterwards.
-                self.now = partial(time.clock_gettime, CLOCK_BOOTTIME)
-                return near, far
-        return _LoopTimer(loop, self._run_due), _LoopTimer(loop, self._run_due)
+        self.now: Callable[[], float] = partial(time.clock_gettime, CLOCK_BOOTTIME)
+        """It goes on while the system is suspended: a command queued before has expired afterwards."""
+        self._near = _KernelTimer(loop, self._run_due)
+        try:
+            self._far = _KernelTimer(loop, self._run_due)
+        except BaseException:
+            self._near.close()
+            raise
 
     def create_timer(self, callback: Callable[[], None], *, hides_wake_up: bool = False) -> BusTimer:
         """Return a timer of this queue. ``hides_wake_up``: kernel timers wake ``WAKE_UP_S`` before its moment."""
-        return BusTimer(self, callback, WAKE_UP_S if hides_wake_up and self.precise else 0.0)
+        return QueuedTimer(self, callback, WAKE_UP_S if hides_wake_up else 0.0)
 
-    def schedule(self, timer: BusTimer, check_at: float) -> None:
+    def schedule(self, timer: QueuedTimer, check_at: float) -> None:
         """Check a timer at ``check_at``, which is earlier than any moment at which it would be checked anyway."""
         timer.queued_times.append(check_at)
         self._count += 1
@@ -125,18 +169,15 @@ class TimerQueue:
         try:
             while heap:
                 at, _, timer = heap[0]
-                if at > now and not (self.precise and at <= (now := self.now()) + TIMER_SLACK_S):
+                if at > now and at > (now := self.now()) + TIMER_SLACK_S:
                     break
                 heappop(heap)
                 timer.queued_times.pop()
                 when, check_at = timer.when, timer.when - timer.lead_s
                 if check_at <= at:
-                    timer.when = NEVER
                     if when > now:
                         busy_wait(self.now, when)
-                    timer.callback()
-                    if timer.when == when:  # the bus has a clock of its own, which is behind
-                        timer.when = now + SLOW_CLOCK_RETRY_S
+                    timer.fire(now)
                 elif when != NEVER and (not timer.queued_times or check_at < timer.queued_times[-1]):
                     self.schedule(timer, check_at)
         finally:
@@ -182,59 +223,40 @@ class _KernelTimer:
         self._timer.close()
 
 
-class _LoopTimer:
-    """The loop's own timer."""
-
-    __slots__ = ("_callback", "_handle", "_loop", "armed_at")
-
-    def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
-        self.armed_at = NEVER
-        self._loop = loop
-        self._callback = callback
-        self._handle: asyncio.TimerHandle | None = None
-
-    def arm(self, when: float) -> None:
-        self.close()
-        self.armed_at = when
-        self._handle = self._loop.call_at(when, self._on_expired)
-
-    def _on_expired(self) -> None:
-        self.armed_at = NEVER
-        self._handle = None
-        self._callback()
-
-    def close(self) -> None:
-        self.armed_at = NEVER
-        if self._handle is not None:
-            self._handle.cancel()
-            self._handle = None
-
-
-_queues: WeakKeyDictionary[asyncio.AbstractEventLoop, TimerQueue] = WeakKeyDictionary()
+BusTimers = TimerQueue | EventLoopTimers
+_timers: WeakKeyDictionary[asyncio.AbstractEventLoop, BusTimers] = WeakKeyDictionary()
 
 
 def loop_now(loop: asyncio.AbstractEventLoop) -> float:
-    """Return the time on the clock that the loop's timer queue uses (or would use)."""
-    queue = acquire(loop)
+    """Return the time on the clock that the timers of this loop use (or would use)."""
+    timers = acquire(loop)
     try:
-        return queue.now()
+        return timers.now()
     finally:
         release(loop)
 
 
-def acquire(loop: asyncio.AbstractEventLoop) -> TimerQueue:
-    """Return the loop's timer queue, created for its first bus and closed when the last one releases it."""
-    queue = _queues.get(loop)
-    if queue is None:
-        queue = _queues[loop] = TimerQueue(loop)
-    queue.user_count += 1
-    return queue
+def acquire(loop: asyncio.AbstractEventLoop) -> BusTimers:
+    """Return the timers of this loop, created for its first bus and closed when the last one releases them."""
+    timers = _timers.get(loop)
+    if timers is None:
+        timers = _timers[loop] = _create_timers(loop)
+    timers.user_count += 1
+    return timers
 
 
 def release(loop: asyncio.AbstractEventLoop) -> None:
-    """Release the loop's timer queue for one bus."""
-    queue = _queues[loop]
-    queue.user_count -= 1
-    if queue.user_count == 0:
-        del _queues[loop]
-        queue.close()
+    """Release the timers of this loop for one bus."""
+    timers = _timers[loop]
+    timers.user_count -= 1
+    if timers.user_count == 0:
+        del _timers[loop]
+        timers.close()
+
+
+def _create_timers(loop: asyncio.AbstractEventLoop) -> BusTimers:
+    sys.setswitchinterval(min(sys.getswitchinterval(), MAX_SWITCH_INTERVAL_S))
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError, NotImplementedError, AttributeError):
+            return TimerQueue(loop)
+    return EventLoopTimers(loop)
