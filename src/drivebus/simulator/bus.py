@@ -150,7 +150,7 @@ class SimulatedBus:
         """Detach a master. Bytes that it has sent still reach the stations."""
         if master in self.masters:
             self.masters.remove(master)
-        self._release_timer()
+        self._arm_timer()
 
     def transmit(self, master: BusMaster, data: bytes) -> None:
         """Transmit bytes of an attached master, one after another from now on."""
@@ -195,15 +195,16 @@ class SimulatedBus:
         for station in self.stations:
             station.advance(loop.time())
 
-    def _release_timer(self) -> None:
-        """Release the timer while no master is attached and the wire is silent."""
-        if not self.masters and self.wire.next_event_at() is None and self._timer is not None:
+    def _arm_timer(self) -> None:
+        """Set the timer to the next event; release it while no master is attached and the wire is silent."""
+        if self._timer is None:
+            return
+        next_at = self.wire.next_event_at()
+        if next_at is None and not self.masters:
             self._timer.close()
             self._timer = None
-
-    def _arm_timer(self) -> None:
-        if self._timer is not None:
-            self._timer.set(self.wire.next_event_at())
+        else:
+            self._timer.set(next_at)
 
     def deliver_pending(self) -> None:
         """Deliver what has arrived by now, before the timer does."""
@@ -221,7 +222,6 @@ class SimulatedBus:
             else:
                 self._deliver_to_stations(event.transmission, event.decision_delay_s, now)
         self._arm_timer()
-        self._release_timer()
 
     def _deliver_to_masters(self, transmission: Transmission, first: int, last: int) -> None:
         data, line_errors = transmission.received(first, last)
