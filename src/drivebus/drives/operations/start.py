@@ -66,7 +66,8 @@ def run(
     try:
         yield from check_readiness(op)
         word, actual_hz = op.check_frequency(frequency_hz)  # again: the pre-flight check reads what the word means
-        kind = CommandKind.RESUME if _may_resume(op, direction) else CommandKind.START
+        _check_pause(op, direction)
+        kind = CommandKind.RESUME if _is_paused(op) else CommandKind.START
         if op.derived.state.turning and kind is CommandKind.START:
             outcome = yield from _change_running_speed(op, frequency_hz, direction)
         else:
@@ -107,16 +108,20 @@ def check_readiness(op: OperationContext) -> DriveOperation[None]:
     yield from record_model(op)
 
 
-def _may_resume(op: OperationContext, direction: Direction | None) -> bool:
-    """Return whether a start ends a pause. Raises StartInhibited in a fault, or while the motor turns the other way."""
+def _is_paused(op: OperationContext) -> bool:
+    """Return whether a start ends a pause of this drive."""
+    return op.derived.state is DriveState.PAUSED and Hold.PAUSE.value in op.dialect.profile.capabilities
+
+
+def _check_pause(op: OperationContext, direction: Direction | None) -> None:
+    """Check that a paused drive may go on. Raises StartInhibited in a fault, or while its motor turns the other way."""
+    if not _is_paused(op):
+        return
     derived = op.derived
-    if derived.state is not DriveState.PAUSED or Hold.PAUSE.value not in op.dialect.profile.capabilities:
-        return False
     if derived.fault_code is not None:
         raise StartInhibited("drives.state_forbids", state=DriveState.FAULT, kind=CommandKind.RESUME)
     if op.output_hz() != 0.0 and derived.direction not in (None, direction or Direction.FORWARD):
         raise StartInhibited("drives.turning", state=derived.state, direction=derived.direction)
-    return True
 
 
 def _create_start(
@@ -126,7 +131,7 @@ def _create_start(
 
     Raises StartInhibited where the state that was read last forbids the end of a pause.
     """
-    _may_resume(op, direction)
+    _check_pause(op, direction)
     return op.create_command(kind, conditions)
 
 
