@@ -11,6 +11,7 @@ import pytest
 
 import peers
 from fixtures.browser import Stage, log_in_by_request, staged, wait_until_live
+from fixtures.browser_actions import expecting
 
 ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--in-process-gpu", "--renderer-process-limit=1"]
 """Without a graphics card; few processes, because starting one for each test takes a third of the processor's time."""
@@ -78,6 +79,12 @@ def stage(plant: Stage) -> Stage:
     """Return the plant in its initial state."""
     plant.reset()
     return plant
+
+
+@pytest.fixture
+def expect() -> Any:
+    """Return Playwright's ``expect`` with the timeout of these tests."""
+    return expecting()
 
 
 Visit = Callable[..., Any]

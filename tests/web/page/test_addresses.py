@@ -1,4 +1,4 @@
-"""Addresses of the page: names that the plant does not have, and the title of the browser's tab."""
+"""Addresses of the page: names that the plant does not have, the way back, and the title of the browser's tab."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 
 from drivebus import i18n
 from fixtures.browser import Stage, wait_until_live
-from fixtures.browser_actions import expecting
+from fixtures.browser_actions import DRAWN, expecting
 
 STOPS = "(buttons) => buttons.map((one) => one.dataset.stop)"
 
@@ -85,3 +85,36 @@ def test_the_tab_of_the_browser_names_the_drive_or_the_page(visit: Any, language
         expect(page).to_have_title(f"{name} · {plant}")
     page.evaluate("location.hash = '#/no-such-page'")
     expect(page).to_have_title(plant)
+
+
+def test_the_way_back_from_a_drive_leads_to_the_place_where_the_fleet_was_left(visit: Any) -> None:
+    """Regression: after a look at one of many drives the fleet began at its top again."""
+    page = visit("#/fleet", size=(360, 560))
+    last = page.locator(".tilelink").last
+    last.wait_for()
+    last.scroll_into_view_if_needed()
+    page.evaluate(DRAWN)
+    place = page.evaluate("scrollY")
+    assert place > 100
+    for _ in range(2):
+        last.click()
+        page.locator(".drivehead").wait_for()
+        page.wait_for_function("() => scrollY === 0")
+        page.evaluate("scrollTo(0, 200)")
+        page.evaluate(DRAWN)
+        page.go_back()
+        page.wait_for_function("(left) => Math.abs(scrollY - left) < 3", arg=place)
+    page.go_forward()
+    page.wait_for_function("() => scrollY === 200")
+    page.locator(".drivehead a").first.click()
+    last.wait_for()
+    page.wait_for_function("() => scrollY === 0")
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_an_unknown_address_leads_to_the_fleet(visit: Any, expect: Any, language: str) -> None:
+    """Regression: an outdated bookmark ended at a sentence without a next step."""
+    page = visit("#/bus/fans", language=language)
+    notice = page.locator(".notice", has_text=i18n.text("page.no_such_page", language))
+    notice.locator("a").click()
+    expect(page.locator(".tile").first).to_be_visible()

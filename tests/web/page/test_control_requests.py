@@ -6,21 +6,11 @@ from typing import Any
 
 import pytest
 
-from drivebus import i18n
 from drivebus.service.control import leases
 from fixtures.browser import Stage
-from fixtures.browser_actions import expecting
+from fixtures.browser_actions import page_text
 
 REQUEST = "[data-request=pump-1]"
-
-
-def word(key: str, **params: Any) -> str:
-    return i18n.text(f"page.{key}", "en", **params)
-
-
-@pytest.fixture
-def expect() -> Any:
-    return expecting()
 
 
 def test_the_holder_sees_who_asks_on_any_page_and_hands_over_or_keeps_control(
@@ -36,10 +26,12 @@ def test_the_holder_sees_who_asks_on_any_page_and_hands_over_or_keeps_control(
     operator.click("[data-do=send-request]")
     expect(operator.locator(".lease [role=timer]")).to_be_visible()
     asked = engineer.locator(REQUEST)
-    expect(asked).to_contain_text(word("control_incoming_for", user="operator", name=name, reason="belt is slipping"))
+    expect(asked).to_contain_text(
+        page_text("control_incoming_for", user="operator", name=name, reason="belt is slipping")
+    )
     asked.locator("[data-do=hand-over]").click()
     granted = operator.locator("[data-answer=granted]")
-    expect(granted).to_contain_text(word("control_answer_granted", by="engineer", name=name))
+    expect(granted).to_contain_text(page_text("control_answer_granted", by="engineer", name=name))
     operator.locator(".lease.own").wait_for()
     granted.locator("[data-do=read]").click()
     expect(granted).to_have_count(0)
@@ -51,7 +43,7 @@ def test_the_holder_sees_who_asks_on_any_page_and_hands_over_or_keeps_control(
     engineer.click("[data-do=ask]")
     engineer.click("[data-do=send-request]")
     operator.locator(f"{REQUEST} [data-do=decline]").click()
-    declined = word("control_answer_declined", by="operator", name=name)
+    declined = page_text("control_answer_declined", by="operator", name=name)
     expect(engineer.locator("[data-answer=declined]")).to_contain_text(declined)
     assert stage.view("pump-1")["lease"]["owner"] == "operator"
 
@@ -64,9 +56,9 @@ def test_a_takeover_names_the_open_request_and_the_asker_can_withdraw_it(
     stage.call("lease.take", drive="fan-1")
     asker.click("[data-do=ask]")
     asker.click("[data-do=send-request]")
-    asked = word("control_asked_other", user="operator")
+    asked = page_text("control_asked_other", user="operator")
     expect(engineer.locator(".lease")).to_contain_text(asked)
-    engineer.click(f".lease .button:has-text('{word('take_over')}')")
+    engineer.click(f".lease .button:has-text('{page_text('take_over')}')")
     expect(engineer.locator("dialog")).to_contain_text(asked)
     asker.click("[data-do=withdraw]")
     expect(engineer.locator("dialog")).not_to_contain_text(asked)
@@ -86,15 +78,15 @@ def test_a_group_asks_all_holders_at_once_and_withdraws_at_once(stage: Stage, vi
     ask, held = operator.locator("[data-select='/control-requests']"), engineer.locator("[data-request]")
     for end in ("withdraw", "hand-over"):
         # Control of the two drives is taken one after the other.
-        expect(ask).to_contain_text(word("control_ask_all", n=2))
+        expect(ask).to_contain_text(page_text("control_ask_all", n=2))
         ask.click()
         operator.fill("dialog input:not([type=checkbox])", "pump exchange")
         operator.click("[data-do=selection]")
         names = "Circulation pump, Feed pump"
-        expect(operator.locator("dialog .notice")).to_have_text(word("selection_done", names=names))
+        expect(operator.locator("dialog .notice")).to_have_text(page_text("selection_done", names=names))
         done, close = (operator.locator(f"dialog {one}").bounding_box() for one in (".notice", ".row.end"))
         assert done["y"] + done["height"] <= close["y"], "the result is hidden behind the button"
-        asked = word("control_incoming_for", user="operator", name=names, reason="pump exchange")
+        asked = page_text("control_incoming_for", user="operator", name=names, reason="pump exchange")
         expect(held).to_contain_text(asked)
         assert held.count() == 1
         operator.keyboard.press("Escape")
@@ -105,6 +97,6 @@ def test_a_group_asks_all_holders_at_once_and_withdraws_at_once(stage: Stage, vi
         else:
             held.locator("[data-do=hand-over]").click()
             granted = operator.locator("[data-answer=granted]")
-            expect(granted).to_contain_text(word("control_answer_granted", by="engineer", name=names))
+            expect(granted).to_contain_text(page_text("control_answer_granted", by="engineer", name=names))
             assert granted.count() == 1
     assert [stage.view(drive)["lease"]["owner"] for drive in ("pump-1", "pump-2")] == ["operator"] * 2

@@ -13,7 +13,7 @@ from drivebus import errors, i18n
 from drivebus.bus.core import UntrustedReply
 from fixtures.axe import axe_violations
 from fixtures.browser import Stage
-from fixtures.browser_actions import NEW_HEADING, expecting, go_to, trip
+from fixtures.browser_actions import NEW_HEADING, expecting, go_to, page_text, trip
 
 
 def open_history(page: Any) -> None:
@@ -168,3 +168,30 @@ def test_a_start_that_needs_a_waiver_leads_to_the_panel_of_test_and_waiver(stage
     other = visit("#/drive/fan-2", role="operator")
     other.locator("#start-blockers").wait_for()
     assert other.locator("[data-do=show-safety]").count() == 0
+
+
+def test_the_faults_of_the_statistics_have_the_labels_of_the_keypad(stage: Stage, visit: Any, expect: Any) -> None:
+    """They read "3: 3", and a code without a label was a bare number."""
+    fault = {"code": 3, "label": "Fu.3", "text": {"en": "over-current", "zh": "过电流"}}
+
+    def answer_with(name: str, faults: Any) -> None:
+        def change(route: Any) -> None:
+            answer = route.fetch()
+            route.fulfill(response=answer, json=answer.json() | {"faults": faults})
+
+        page.route(f"**/api/v1/drives/fan-3/{name}", change)
+
+    page = visit("#/drive/fan-2")
+    answer_with("profile", [fault])
+    answer_with("statistics", {"3": 3, "9999": 1, "-1": 2})
+    page.goto(f"{stage.at}/#/drive/fan-3?tab=statistics")
+    expect(page.locator("[role=tabpanel]")).to_contain_text(
+        f"Fu.3 × 3, {page_text('fault_code', code=9999)} × 1, {i18n.text('drives.unnamed_fault', 'en')} × 2"
+    )
+
+
+def test_a_fault_without_a_label_has_a_dash_in_its_place(visit: Any, expect: Any) -> None:
+    page = visit("#/models/vc660?tab=faults")
+    fault = page.get_by_role("region", name=page_text("all_faults")).locator("tbody tr").first
+    expect(fault).to_contain_text("under-voltage")
+    assert "" not in [one.strip() for one in fault.locator("td").all_inner_texts()]
