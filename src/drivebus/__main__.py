@@ -6,8 +6,9 @@ import signal
 import sys
 
 from drivebus.cli.extras import require_extra
+from drivebus.cli.output_settings import output_settings
 from drivebus.errors import ConfigurationError
-from drivebus.i18n import preferred, text
+from drivebus.i18n import text
 from drivebus.terminal import open_missing_streams
 
 
@@ -17,19 +18,18 @@ def main() -> None:
     Ctrl-C while it is loaded ends it as later, and says that nothing was sent.
     """
     open_missing_streams()
+    language = output_settings(sys.argv[1:]).language
     try:
         require_extra("cli")
     except ConfigurationError as error:
-        print(error.text(preferred()), file=sys.stderr)
+        print(error.text(language), file=sys.stderr)
         sys.exit(2)
     try:
         from drivebus.cli.main import main
     except (KeyboardInterrupt, RuntimeError) as error:
-        if not isinstance(
-            error.__cause__ or error, KeyboardInterrupt
-        ):  # Python 3.11 wraps one in the making of a class
+        if not isinstance(error.__cause__ or error, KeyboardInterrupt):  # Python 3.11 wraps that of a class body
             raise
-        print(f"\n{text('cli.interrupted_early', preferred())}", file=sys.stderr)
+        print(f"\n{text('cli.interrupted_early', language)}", file=sys.stderr)
         sys.exit(128 + signal.SIGINT)
 
     main()

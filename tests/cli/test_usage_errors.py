@@ -226,10 +226,17 @@ def test_a_command_without_its_server_packages_fails_before_it_starts_anything(
 
 
 @pytest.mark.parametrize(
-    ("language", "expected"), [("en", "not installed: click, rich."), ("zh", "未安装：click、rich。")]
+    ("language", "words", "expected"),
+    [
+        ("en", [], "not installed: click, rich."),
+        ("zh", [], "未安装：click、rich。"),
+        ("en", ["status", "--lang", "zh"], "未安装：click、rich。"),
+    ],
 )
-def test_the_base_installation_has_the_library_and_the_command_names_its_extra(language: str, expected: str) -> None:
-    """``pip install .`` installs neither click nor rich."""
+def test_the_base_installation_has_the_library_and_the_command_names_its_extra(
+    language: str, words: list[str], expected: str
+) -> None:
+    """``pip install .`` installs neither click nor rich. ``--lang`` was ignored by the message that says so."""
     source = """
 import sys
 sys.modules.update(dict.fromkeys(("click", "rich", "textual")))  # as if they were not installed
@@ -240,7 +247,7 @@ from drivebus.__main__ import main
 main()
 """
     done = subprocess.run(
-        [sys.executable, "-c", source],
+        [sys.executable, "-c", source, *words],
         capture_output=True,
         text=True,
         check=False,

@@ -10,13 +10,14 @@ import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import click
 
 from drivebus import i18n
 from drivebus.cli.background_output import background_stream
+from drivebus.cli.output_settings import OutputSettings, output_settings
 from drivebus.control_characters import CONTROL_CHARACTERS, without_control_characters
 from drivebus.errors import SystemReason
 from drivebus.terminal import discard_output
@@ -36,30 +37,12 @@ _BREAKABLE_PIECE = re.compile(rf"\s+|[{_OPENING}]*(?:{_URL}|[^\s{_WIDE}“]+|[{_
 # --- settings of an invocation ------------------------------------------------------------------------------------
 
 
-@dataclass(slots=True)
-class OutputSettings:
-    """Values of ``--lang`` and ``--json``."""
-
-    language: str
-    as_json: bool = False
-
-
 _settings: ContextVar[OutputSettings | None] = ContextVar("drivebus_output", default=None)
 
 
 def parse_global_options(arguments: list[str]) -> OutputSettings:
-    """Find ``--lang`` and ``--json`` anywhere in the arguments, before click parses them.
-
-    The texts of ``--help`` and of usage errors depend on them.
-    """
-    settings = OutputSettings(i18n.preferred())
-    own = arguments[: arguments.index("--")] if "--" in arguments else arguments
-    for index, argument in enumerate(own):
-        name, _, value = argument.partition("=")
-        if name == "--lang":
-            wanted = value or (own[index + 1] if index + 1 < len(own) else "")
-            settings.language = wanted if wanted in i18n.LANGUAGES else settings.language
-        settings.as_json = settings.as_json or argument == "--json"
+    """Use ``--lang`` and ``--json`` of the arguments for the output of this invocation."""
+    settings = output_settings(arguments)
     _settings.set(settings)
     return settings
 
