@@ -44,6 +44,15 @@ def test_a_maker_in_place_of_a_model_is_answered_with_its_models(name: str, show
     assert result.exit_code == 2 and shown in result.stderr, result.stderr
 
 
+@pytest.mark.parametrize(("language", "words"), [("en", "sync probe"), ("zh", "同步探测")])
+def test_a_wrong_address_is_answered_without_a_word_of_the_glossary(language: str, words: str) -> None:
+    """The message named the *sync probe*, which a newcomer must look up."""
+    arguments = ["status", "sim://c320@1", "--model", "c320", "--address", "5", "--lang", language]
+    result = CliRunner().invoke(cli, arguments)
+    assert result.exit_code != 0 and i18n.text("hint.bus.offline", language)[:30] in result.stderr
+    assert words not in result.stderr
+
+
 @pytest.mark.parametrize("typed", ["sim：//c320@1", "ｓｉｍ：／／c320@1"])
 def test_a_port_in_full_width_characters_is_suggested_in_half_width_ones(typed: str) -> None:
     """Regression: ``drivebus ports`` was suggested, and the typed text as the name of a service's drive."""
