@@ -110,6 +110,26 @@ def test_parameters_of_a_recent_incident_appear_once_they_are_read(
     expect(parameters.locator(".help")).to_have_text(i18n.text("page.parameters_not_read", language))
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("size", [(1440, 900), (360, 740)])
+def test_a_parameter_that_is_read_during_a_fault_is_shown_as_uncertain_with_its_reason(
+    stage: Stage, visit: Any, expect: Any, size: tuple[int, int], language: str
+) -> None:
+    """Regression: in the incident and on the drive's page it looked like any other value."""
+    trip(stage, "fan-3")
+    note = i18n.text("page.quality_uncertain", language) + i18n.text("page.colon", language)
+    note += i18n.text("drives.item_not_echoed", language)
+    for address, read in (
+        ("#/drive/fan-3?tab=parameters", "[data-do=read]"),
+        ("#/alarms?tab=incidents", ".incidents a"),
+    ):
+        page = visit(address, size=size, language=language)
+        page.locator(read).first.click()
+        row = page.locator("tr", has=page.locator("code:text-is('F0.1')"))
+        expect(row.locator(".doubtful")).to_have_text(note)
+        assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
+
+
 UNREAD_CAPTURE = {"en": "the frames cannot be read", "zh": "无法读取报文"}
 
 
