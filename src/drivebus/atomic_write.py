@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 PRIVATE_FILE_MODE = 0o600
@@ -21,26 +23,26 @@ _CREATE_FLAGS = (
 def atomic_write(path: Path, content: bytes, mode: int = 0o666) -> None:
     """Replace a file; durable on return: a power cut leaves the old content or the new, never a part.
 
-    Raises OSError; then the old file is unchanged and no other is left. One writer at a time: the remains of a killed
-    writer are removed.
+    Raises OSError; then the old file is unchanged and no other is left, unless the disk fails after the replacement.
+    One writer at a time: the remains of a killed writer are removed.
     """
     part = path.with_name(f".{path.name}.new")
-    try:
-        fd = os.open(part, _CREATE_FLAGS, mode)
-    except FileExistsError:
-        part.unlink()
-        fd = os.open(part, _CREATE_FLAGS, mode)
-    try:
+    with durable_names(path.parent):
         try:
-            write_all(fd, content)
-            os.fsync(fd)
-        finally:
-            os.close(fd)
-        part.replace(path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
-    fsync_directory(path.parent)
+            fd = os.open(part, _CREATE_FLAGS, mode)
+        except FileExistsError:
+            part.unlink()
+            fd = os.open(part, _CREATE_FLAGS, mode)
+        try:
+            try:
+                write_all(fd, content)
+                os.fsync(fd)
+            finally:
+                os.close(fd)
+            part.replace(path)
+        except BaseException:
+            part.unlink(missing_ok=True)
+            raise
 
 
 def atomic_write_private(path: Path, content: bytes) -> None:
@@ -71,10 +73,22 @@ def write_all(fd: int, data: bytes) -> None:
 
 def fsync_directory(folder: Path) -> None:
     """Make the names in a directory durable. Raises OSError."""
+    with durable_names(folder):
+        pass
+
+
+@contextmanager
+def durable_names(folder: Path) -> Iterator[None]:
+    """Make the names that the block changes in a directory durable.
+
+    Raises OSError, before the block where the directory can't be read or no descriptor is left.
+    """
     if os.name != "posix":
+        yield
         return
     fd = os.open(folder, os.O_RDONLY)
     try:
+        yield
         os.fsync(fd)
     finally:
         os.close(fd)

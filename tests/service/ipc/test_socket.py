@@ -233,7 +233,11 @@ def test_an_invalid_request_ends_its_own_connection_only(tmp_path: Path, caplog:
         no_number = f'{{"id": 1, "op": "drive.run", "params": {{"frequency_hz": NaN}}, "actor": {actor}}}\n'
         invalid = (b"hello\n", b'{"id": 1, "op": "plant.stop"}\n', b"[]\n", b'{"id": 1, "actor": {}}\n')
         too_large = f'{{"id": 1, "op": "drive.run", "called_at": 1{"0" * 400}, "actor": {actor}}}\n'
-        texts = (twice, no_number, too_large)
+        no_times = [
+            f'{{"id": 1, "op": "drive.run", "called_at": {value}, "actor": {actor}}}\n'
+            for value in ('"nan"', '"1e9"', "true", "null")
+        ]
+        texts = (twice, no_number, too_large, *no_times)
         for line in (*invalid, *(text.encode() for text in texts), b"[" * 100_000 + b"\n"):
             reader, writer = await asyncio.open_unix_connection(str(tmp_path / "plant.sock"))
             writer.write(line)

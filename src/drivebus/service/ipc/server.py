@@ -139,7 +139,10 @@ class _ClientConnection:
             return _too_busy()
         declared = OPERATIONS.get(operation)
         if declared is not None and declared.moves_motors and "called_at" in message:
-            waited_s = asyncio.get_running_loop().time() - float(message["called_at"])
+            called_at = message["called_at"]
+            if type(called_at) not in (int, float):  # float() would read "nan", which is never too long ago
+                raise TypeError("called_at is not a number")
+            waited_s = asyncio.get_running_loop().time() - float(called_at)
             if waited_s > MAX_MOTION_WAIT_S:
                 return _refuse_late_motion(waited_s)
         return self._call(operation, message.get("params") or {}, actor)
