@@ -123,6 +123,19 @@ def test_a_communication_loss_test_is_started_in_two_steps_and_shows_its_silence
     assert stage.view("pump-1")["comm_loss"]["tested"] is None
 
 
+@pytest.mark.parametrize(("language", "asked"), [("en", "at 10.00 Hz, and"), ("zh", "以 10.00 Hz 运行")])
+def test_the_second_step_of_a_communication_loss_test_names_its_frequency_with_the_unit(
+    visit: Any, language: str, asked: str
+) -> None:
+    """Regression: the motor ran "at 10.00"."""
+    page = visit("#/drive/pump-1", language=language)
+    page.click("[data-do=take]")
+    page.locator(".lease.own").wait_for()
+    page.click("[data-do=test-comm-loss]")
+    page.click("dialog [data-step=first]")
+    expecting()(page.locator("dialog .confirm")).to_contain_text(asked)
+
+
 def test_a_withheld_stop_is_sent_after_the_name_plate_was_read(visit: Any) -> None:
     """The stop of one model may start another: the page says so, and asks for the model on the name plate."""
     sent: list[Any] = []
