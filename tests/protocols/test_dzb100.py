@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivebus import i18n
 from drivebus.errors import AddressError, AlphabetError, ChecksumError, CodeError, EchoError, HeaderError, ProtocolError
 from drivebus.protocols import dzb100
 from drivebus.protocols.codec import Complete, Effect, Incomplete
@@ -719,3 +720,37 @@ def test_each_command_has_the_digit_of_the_manual() -> None:
         **{name: digit for digit, name in enumerate(named)},
         "RESET": 8,
     }
+
+
+@pytest.mark.parametrize(
+    ("frame", "errata"),
+    [
+        (b"C\x03\x0101000100", ["data 0100H: a correct sender writes 0000 in a stop or reset"]),
+        (b"C\x03\x0101810064", ["command 81: the manual has X0 to X8, and a correct sender writes 00 to 08"]),
+        (b"C\x03\x0201010064", ["a broadcast (A = 02) to address 01: a correct sender writes 00"]),
+        (
+            b"C\x03\x0100010064",
+            ["address 00 without A = 02: only a broadcast has it, and a correct sender writes 01 to 31"],
+        ),
+        (b"R\x03\x0101100258", ["data 0258H: a correct sender writes 0000 in a read"]),
+    ],
+)
+def test_what_a_correct_sender_writes_otherwise_is_named_and_nothing_else(frame: bytes, errata: list[str]) -> None:
+    """One sentence with four reasons stood for each of them, and for some that it did not have."""
+    found = dzb100.describe(frame)
+    assert [i18n.text(key, "en", **params) for key, params in found.errata] == errata
+
+
+@given(
+    head=st.sampled_from([b"C", b"P", b"R", b"Q"]),
+    mark=st.sampled_from([b"\x01", b"\x02"]),
+    address=st.integers(0, 31),
+    index=st.integers(0, 99),
+    word=st.sampled_from([0, 0x64]),
+)
+def test_every_frame_that_a_correct_sender_writes_otherwise_has_a_reason(
+    head: bytes, mark: bytes, address: int, index: int, word: int
+) -> None:
+    frame = head + b"\x03" + mark + b"%02d%02d%04X" % (address, index, word)
+    found = dzb100.describe(frame, direction="request")
+    assert not found.valid or (found.canonical != frame) == bool(found.errata)

@@ -39,7 +39,6 @@ from drivebus.protocols.dzb100.messages import (
     Dzb100Query,
     Dzb100ReadParameter,
     Dzb100Request,
-    Dzb100WriteParameter,
     FaultCoding,
     FrequencyCoding,
     StateWord,
@@ -89,7 +88,7 @@ def describe(
     if direction == "request" and not problems:
         message = _decode_request(data)
         canonical = _canonical_request(message)
-        errata, hazards = _errata(data, message, canonical), _hazards(message, options)
+        errata, hazards = tuple(_errata(data, message)), _hazards(message, options)
     interpretations = _interpretations(data) if guessed and direction == "request" and not problems else ()
     return FrameDescription(
         family="dzb100",
@@ -205,21 +204,26 @@ def _canonical_request(request: Dzb100Request) -> bytes | None:
         return None
 
 
-def _errata(data: bytes, request: Dzb100Request, canonical: bytes | None) -> tuple[Note, ...]:
-    errata = list(_range_errata(request))
-    if data != canonical and not errata:
-        errata.append(note("protocols.dzb100.erratum.not_canonical"))
+def _errata(data: bytes, request: Dzb100Request) -> Iterator[Note]:
+    """Yield what a correct sender writes otherwise, and the misprint of the manual."""
+    address, index, word = parse_digits(data)
+    if isinstance(request, Dzb100Control):
+        if index != request.command:
+            yield note("protocols.dzb100.erratum.command", found=index)
+        if word and (request.command.is_stop or request.command is Dzb100Command.RESET):
+            yield note("protocols.dzb100.erratum.stop_data", found=f"{word:04X}H")
+        if request.broadcast and address:
+            yield note("protocols.dzb100.erratum.broadcast", found=address)
+    elif isinstance(request, Dzb100Query) and index > LAST_QUERY_ITEM:
+        yield note("protocols.dzb100.erratum.item", found=index)
+    elif index > LAST_PARAMETER:
+        yield note("protocols.dzb100.erratum.parameter", found=index)
+    if word and isinstance(request, Dzb100Query | Dzb100ReadParameter):
+        yield note("protocols.dzb100.erratum.read_data", found=f"{word:04X}H")
+    if address == 0 and data[2] == MARK_ONE:
+        yield note("protocols.dzb100.erratum.address_0")
     if data == _EXAMPLE_1_FRAME:
-        errata.append(note("protocols.dzb100.erratum.example_1"))
-    return tuple(errata)
-
-
-def _range_errata(request: Dzb100Request) -> Iterator[Note]:
-    """Yield the fields that are outside the manual's ranges."""
-    if isinstance(request, Dzb100Query) and request.index > LAST_QUERY_ITEM:
-        yield note("protocols.dzb100.erratum.item", found=request.index)
-    if isinstance(request, Dzb100ReadParameter | Dzb100WriteParameter) and request.index > LAST_PARAMETER:
-        yield note("protocols.dzb100.erratum.parameter", found=request.index)
+        yield note("protocols.dzb100.erratum.example_1")
 
 
 def _hazards(request: Dzb100Request, options: Dzb100DecodeOptions) -> tuple[Note, ...]:
