@@ -535,6 +535,20 @@ def test_a_write_that_reads_back_differently_failed() -> None:
     )
 
 
+def test_a_digit_code_that_reads_back_differently_is_shown_as_it_was_typed() -> None:
+    """*0016 was sent, 0005H reads back* left open whether the two are of one notation."""
+
+    class Keeps(FakeC320):
+        def __call__(self, request: Any) -> Any:
+            reply = super().__call__(request)
+            self.parameters[1, 10] = 0x0005
+            return reply
+
+    typed = {"0016": "F1.10: 0016 was sent, 0005 reads back", "0016H": "F1.10: 0016H was sent, 0005H reads back"}
+    for value, text in typed.items():
+        assert ParameterBench("c320", Keeps()).write({"F1.10": value}).text("en") == text
+
+
 def test_a_write_with_a_reserved_response_code_is_not_called_written() -> None:
     """Code 5 of a C320 is reserved: its reply is invalid, the value that reads back decides, a note names it."""
 

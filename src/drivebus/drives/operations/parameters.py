@@ -34,7 +34,7 @@ from drivebus.errors import (
 )
 from drivebus.profiles.model import Parameter, Signal
 from drivebus.profiles.notation import find_entry
-from drivebus.values import Reading, Text, bilingual_text, missing_reading
+from drivebus.values import Reading, Text, bilingual_text, missing_reading, parse_hex_word
 
 _WRITTEN_KEYS = frozenset(
     {
@@ -222,7 +222,7 @@ def _read_back(
         why = bilingual_text("drives.read_refused") if error is None else error.params["problem"]
         return op.outcome(OutcomeStatus.UNKNOWN, "drives.write_unknown", why=why, **params)
     number = number_of(op.dialect, write.parameter, raw)
-    is_word = number is None or isinstance(write.value, str)
+    is_word = isinstance(write.value, str) and parse_hex_word(write.value) is not None
     reported = f"{raw:04X}H" if is_word or number is None else display_value(write.parameter, number, number)
     return op.outcome(OutcomeStatus.FAILED, "drives.write_differs", found=reported, **params)
 
