@@ -85,6 +85,11 @@ def test_a_dry_run_prints_the_bytes_of_the_vector(vector_id: str, words: tuple[s
     assert canonical(vector_id) in frames(*words)
 
 
+def test_a_dry_run_of_a_loopback_says_that_its_numbers_begin_elsewhere_in_each_test() -> None:
+    """The option promises the exact bytes, and a real port gets others each time."""
+    assert "begin at a random one in each test" in dry("loopback", "--model", "vc660", "--address", "1")["notes"][0]
+
+
 def test_a_dry_run_of_a_pause_and_of_a_ramp_hold_prints_their_levels() -> None:
     vc660 = ("--model", "vc660", "--address", "1")
     assert frames("pause", *vc660)[-1].startswith("01 06 20 00 00 80")

@@ -75,7 +75,7 @@ def _plan(dry: DryRun, count: int) -> ExitCode:
     if modbus is None or not modbus.loopback:
         raise CapabilityError("drives.cannot", model=dry.dialect.profile.model, what="loopback")
     dry.add("loopback", [dry.dialect.sync_request() for _ in range(count)])
-    return dry.print()
+    return dry.print("dry.note.loopback")
 
 
 command = CliCommand(
