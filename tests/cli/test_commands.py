@@ -97,6 +97,25 @@ def test_read_shows_notation_wire_address_raw_and_scaled_value() -> None:
     assert by_name["output_frequency"]["unit"] == "Hz"
 
 
+def test_an_unknown_name_does_not_keep_the_other_names_from_being_read() -> None:
+    """One mistyped name of ten left the user without any value, and named itself only."""
+    words = ("read", "sim://c320@1", "F0.300", "F0.1", "output_frequence", "output_frequency", *C320)
+    found = run_json(*words, code=2)
+    assert [one["name"] for one in found["values"]] == ["F0.1", "output_frequency"]
+    assert found["values"][0]["raw"] == 2
+    assert [one["params"]["name"] for one in found["refused"]] == ["F0.300", "output_frequence"]
+    text = run_text(*words, code=2)
+    assert "frequency channel" in text
+    assert "c320 has no F0.300" in text and "near: output_frequency" in text
+    planned = run_text(*words, "--dry-run", code=2)
+    assert "read a parameter" in planned and "c320 has no F0.300" in planned
+
+
+def test_of_unknown_names_alone_each_is_named_and_no_port_is_opened() -> None:
+    text = run_text("read", "/dev/none", "F0.300", "F1.999", *C320, code=2)
+    assert "c320 has no F0.300" in text and "c320 has no F1.999" in text
+
+
 def test_a_write_is_confirmed_by_a_read_and_stays_in_the_drive() -> None:
     url = "sim://c320@1?name=written"
     assert run_json("write", url, "F1.10=1", *C320)["outcome"] == "confirmed"

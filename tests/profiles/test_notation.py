@@ -210,8 +210,11 @@ def test_an_unknown_name_is_answered_with_the_nearest() -> None:
     )
 
 
-@pytest.mark.parametrize(("model", "name", "span"), [("dzb100", "81", "00-80"), ("c320", "F3.300", "F1.0-F1.255")])
-def test_a_number_out_of_range_is_answered_with_the_range_and_no_parameter_of_another_group(
+@pytest.mark.parametrize(
+    ("model", "name", "span"),
+    [("dzb100", "81", "00-80"), ("c320", "F3.300", "F1.0-F1.255"), ("c320", "F0.300", "F1.0-F1.255")],
+)
+def test_a_number_out_of_range_is_answered_with_the_range_and_no_other_parameter(
     model: str, name: str, span: str
 ) -> None:
     with pytest.raises(ProfileError) as caught:

@@ -121,10 +121,14 @@ def _group_and_item(notation: str) -> tuple[int, int] | None:
 
 
 def _unknown_name_error(profile: DriveProfile, name: str) -> ProfileError:
-    """Return the error of a name with similar ones: none of a number, of a notation only those of its group."""
+    """Return the error of a name with similar ones: none of a number or a group and a number, which are out of range.
+
+    Of another notation only those of its group.
+    """
     examples = _style(profile.notation).examples
     group, dot, _ = name.strip().upper().partition(".")
-    near = [] if name.strip().isdecimal() else nearest_names(name, [*profile.signals, *profile.parameters])
+    is_number = name.strip().isdecimal() or _group_and_item(name) is not None
+    near = [] if is_number else nearest_names(name, [*profile.signals, *profile.parameters])
     near = [candidate for candidate in near if not dot or candidate.upper().partition(".")[0] == group]
     if not near:
         return ProfileError("profiles.unknown_name", name=name, model=profile.model, examples=examples)

@@ -11,12 +11,14 @@ from drivebus.cli import connect, output
 from drivebus.cli.click_ext import Argument
 from drivebus.cli.connect import Target
 from drivebus.cli.drive_command import drive_command
-from drivebus.cli.errors import ExitCode
+from drivebus.cli.errors import ExitCode, error_json, print_error
 from drivebus.cli.formatting import format_value, reading_json
 from drivebus.profiles.model import Parameter, Signal
 
 if TYPE_CHECKING:
     from drivebus.cli.dry_run import DryRun
+    from drivebus.errors import ProfileError
+    from drivebus.profiles.model import DriveProfile
     from drivebus.values import Reading
 
 
@@ -27,16 +29,41 @@ _COMMA_IN_A_NAME = re.compile(r"\b([A-Za-z]+[0-9]*)[,，]([0-9]+)\b")
 
 
 async def _read(target: Target, names: tuple[str, ...]) -> ExitCode:
+    """Read the known names; return 2 if a name is unknown."""
+    entries, unknown = _find_entries(target.profile, names)
+    async with connect.open_drive(target) as (bus, drive):
+        readings = await drive.read(list(entries))
+        now = bus.now()
+    rows = [value_json(name, entries[name], readings[name], now) for name in entries]
+    target_json = {"port": target.port, "model": target.model, "address": target.address}
+    output.print_json(target_json | {"values": rows, "refused": [error_json(one)["error"] for one in unknown]})
+    output.print_text(values_table(rows, entries))
+    for error in unknown:
+        print_error(error)
+    if unknown:
+        return ExitCode.USAGE
+    return ExitCode.DONE if all(one["value"] is not None for one in rows) else ExitCode.FAILED
+
+
+def _find_entries(
+    profile: DriveProfile, names: tuple[str, ...]
+) -> tuple[dict[str, Signal | Parameter], list[ProfileError]]:
+    """Return the entries of the known names and the errors of the others. Raises ProfileError where none is known."""
+    from drivebus.errors import ProfileError
     from drivebus.profiles.notation import find_entry
 
-    entries = {name: find_entry(target.profile, name) for name in names}
-    async with connect.open_drive(target) as (bus, drive):
-        readings = await drive.read(list(names))
-        now = bus.now()
-    rows = [value_json(name, entries[name], readings[name], now) for name in names]
-    output.print_json({"port": target.port, "model": target.model, "address": target.address, "values": rows})
-    output.print_text(values_table(rows, entries))
-    return ExitCode.DONE if all(one["value"] is not None for one in rows) else ExitCode.FAILED
+    entries: dict[str, Signal | Parameter] = {}
+    unknown: list[ProfileError] = []
+    for name in names:
+        try:
+            entries[name] = find_entry(profile, name)
+        except ProfileError as error:
+            unknown.append(error)
+    if entries:
+        return entries, unknown
+    for rejected in unknown[:-1]:
+        print_error(rejected)
+    raise unknown[-1]
 
 
 def value_json(name: str, entry: Signal | Parameter, reading: Reading, now: float) -> dict[str, Any]:
@@ -81,15 +108,16 @@ def _reject_joined_names(ctx: click.Context, param: click.Parameter, names: tupl
 
 
 def _plan(dry: DryRun, names: tuple[str, ...]) -> ExitCode:
-    from drivebus.profiles.notation import find_entry
-
-    for name in names:
-        entry = find_entry(dry.dialect.profile, name)
+    entries, unknown = _find_entries(dry.dialect.profile, names)
+    for entry in entries.values():
         if isinstance(entry, Parameter):
             dry.add("read", [dry.dialect.read_parameter(entry)])
         else:
             dry.add("signals", [request for request, _ in dry.dialect.polls((entry.name,))])
-    return dry.print("dry.note.sync")
+    code = dry.print("dry.note.sync")
+    for error in unknown:
+        print_error(error)
+    return ExitCode.USAGE if unknown else code
 
 
 command = drive_command(
