@@ -98,7 +98,7 @@ def test_read_shows_notation_wire_address_raw_and_scaled_value() -> None:
 
 
 def test_an_unknown_name_does_not_keep_the_other_names_from_being_read() -> None:
-    """One mistyped name of ten left the user without any value, and named itself only."""
+    """A single mistyped name of ten left the user without any value, and named itself only."""
     words = ("read", "sim://c320@1", "F0.300", "F0.1", "output_frequence", "output_frequency", *C320)
     found = run_json(*words, code=2)
     assert [one["name"] for one in found["values"]] == ["F0.1", "output_frequency"]

@@ -736,7 +736,7 @@ def test_each_command_has_the_digit_of_the_manual() -> None:
     ],
 )
 def test_what_a_correct_sender_writes_otherwise_is_named_and_nothing_else(frame: bytes, errata: list[str]) -> None:
-    """One sentence with four reasons stood for each of them, and for some that it did not have."""
+    """The same sentence with four reasons stood for each of them, and for others."""
     found = dzb100.describe(frame)
     assert [i18n.text(key, "en", **params) for key, params in found.errata] == errata
 
