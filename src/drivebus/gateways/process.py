@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Awaitable, Callable
+from errno import EADDRINUSE
 from typing import TypeVar
 
 from drivebus import i18n
@@ -26,7 +27,8 @@ def run_gateway(name: str, settings: type[T], serve: Serve[T], on_reload: Callab
     """Run a gateway until SIGTERM or the end of the service; return its exit code.
 
     ``on_reload`` is called after each reload of the configuration that leaves the gateway's settings as they are.
-    The code is 2 for arguments or settings that cannot be used.
+    The code is 2 for arguments or settings that cannot be used. The reason is printed; an address that another program
+    uses only once, and not at each retry.
     """
     set_nice(NICE_GATEWAY)
     raise_file_limit()
@@ -39,9 +41,14 @@ def run_gateway(name: str, settings: type[T], serve: Serve[T], on_reload: Callab
     try:
         asyncio.run(_run(arguments, serve, on_reload))
     except ConfigurationError as error:
-        print(error.text(i18n.preferred()), file=sys.stderr, flush=True)
+        if not (arguments.is_retry and _is_of_used_address(error)):
+            print(error.text(i18n.preferred()), file=sys.stderr, flush=True)
         return 2
     return 0
+
+
+def _is_of_used_address(error: ConfigurationError) -> bool:
+    return isinstance(error.__cause__, OSError) and error.__cause__.errno == EADDRINUSE
 
 
 async def _run(arguments: GatewayArguments[T], serve: Serve[T], on_reload: Callable[[], None]) -> None:

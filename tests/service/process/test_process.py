@@ -134,6 +134,20 @@ def test_a_used_port_of_the_page_is_reported_before_the_running_plant(tmp_path: 
             process.communicate()
 
 
+def test_a_gateway_whose_port_stays_used_says_so_once(tmp_path: Path) -> None:
+    """Each retry printed the same sentence, up to every 30 s for as long as the other program ran."""
+    file = write(tmp_path)
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        file.write_text(file.read_text().replace("port = 0", f"port = {other.getsockname()[1]}"))
+        with running_service(file) as process:
+            assert process.stderr is not None
+            lines: list[str] = []
+            while sum("ended again" in line for line in lines) < 2:
+                lines.append(process.stderr.readline())
+                assert lines[-1], "the service goes on without its page"
+    assert sum(line.startswith("Can't listen on") for line in lines) == 1
+
+
 def test_a_service_runs_once_reloads_its_file_and_stops_its_drives_at_the_end(tmp_path: Path) -> None:
     """It notifies systemd (``Type=notify``), reloads on SIGHUP, and ends in order on SIGTERM."""
     file, state = write(tmp_path), tmp_path / "state"

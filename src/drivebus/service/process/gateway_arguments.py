@@ -38,6 +38,8 @@ class GatewayArguments(Generic[T]):
     """Whether the plant had users when the service started: their file may be gone when the process starts again."""
     address_output: AddressOutput = "plain"
     log_format: LogFormat = "text"
+    is_retry: bool = False
+    """The process before it ended soon after its start: that another program uses its address is reported already."""
 
 
 def has_users(plant: PlantConfig) -> bool:

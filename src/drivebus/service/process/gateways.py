@@ -11,6 +11,7 @@ import contextlib
 import logging
 import socket
 from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import replace
 from errno import EADDRINUSE
 from typing import Any
 
@@ -47,14 +48,17 @@ class ChildProcess:
         arguments: bytes,
         now: Callable[[], float],
         *,
+        retry_arguments: bytes | None = None,
         on_start: Callable[[int], None] = lambda pid: None,
         on_exit: Callable[[int, bool], None] = lambda code, repeated: None,
     ) -> None:
         """``arguments`` are written to its standard input, which stays open.
 
+        ``retry_arguments`` take their place after an exit soon after a start; None: ``arguments`` every time.
         ``on_start`` gets its process id; ``on_exit`` its exit code, and whether it exited soon after a restart.
         """
-        self._command, self._arguments, self._now = tuple(command), arguments, now
+        self._command, self._now = tuple(command), now
+        self._arguments, self._retry_arguments = arguments, retry_arguments or arguments
         self._on_start, self._on_exit = on_start, on_exit
         self._task: asyncio.Task[None] | None = None
         self.process: asyncio.subprocess.Process | None = None
@@ -69,14 +73,14 @@ class ChildProcess:
         pause_s, repeated = FIRST_RESTART_PAUSE_S, False
         while True:
             started_at = self._now()
-            code = await self._run_once()
+            code = await self._run_once(self._retry_arguments if repeated else self._arguments)
             if self._now() - started_at >= STEADY_RUN_S:
                 pause_s, repeated = FIRST_RESTART_PAUSE_S, False
             self._on_exit(code, repeated)
             await asyncio.sleep(pause_s)
             pause_s, repeated = min(MAX_RESTART_PAUSE_S, 2 * pause_s), True
 
-    async def _run_once(self) -> int:
+    async def _run_once(self, arguments: bytes) -> int:
         """Run it once and return its exit code.
 
         A process group of its own keeps a terminal's Ctrl-C from it; the service ends it. It gets no session of its
@@ -91,7 +95,7 @@ class ChildProcess:
             LOG.error(i18n.preferred_text("log.gateway_not_started", gateway=self._command[-1], reason=reason))
             return CAN_NOT_START_EXIT_CODE
         assert self.process.stdin is not None
-        self.process.stdin.write(self._arguments)
+        self.process.stdin.write(arguments)
         self._on_start(self.process.pid)
         return await self.process.wait()
 
@@ -165,10 +169,12 @@ class GatewaySupervisor(PlantListener):
             self._report_exit(config.id, code, repeated=repeated)
 
         replaced = self._end(config.id) if config.id in self._children else None
+        arguments = self._arguments(config)
         child = ChildProcess(
             module_command(config.module),
-            encode_arguments(self._arguments(config)),
+            encode_arguments(arguments),
             self._plant.now,
+            retry_arguments=encode_arguments(replace(arguments, is_retry=True)),
             on_start=on_start,
             on_exit=on_exit,
         )
