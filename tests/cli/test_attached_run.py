@@ -18,6 +18,7 @@ from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
 from drivebus.cli.run_watch import RunWatch
 from drivebus.cli.signals import ShutdownSignal
+from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault
 from drivebus.errors import ChecksumError, ControlNotHeld, DrivebusError, NotFound, PortLost
 from drivebus.values import Text
@@ -46,6 +47,26 @@ def test_only_a_drive_that_was_started_is_called_attached_or_detached(
     found = CliRunner().invoke(cli, ["run", *drive, *words], env={"COLUMNS": "200"})
     assert found.exit_code == code, found.output
     assert [text for text in (ATTACHED, DETACHED) if text in found.stdout] == shown
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("remote", [False, True])
+def test_an_attached_run_says_what_stops_the_motor_where_this_computer_fails(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], remote: bool, language: str
+) -> None:
+    """Regression: it named Ctrl-C and the terminal, which stop nothing once the adapter or the computer has failed."""
+
+    async def start(*_: object, **__: object) -> Outcome:
+        return Outcome(status=OutcomeStatus.CONFIRMED, key="drives.run_at_zero")
+
+    monkeypatch.setattr(run, "_is_remote", lambda drive: remote)
+    output.parse_global_options(["--lang", language])
+    chosen = run.RunOptions(frequency_hz=5.0, direction=None, wait=False, detach=False)
+    drive: Any = SimpleNamespace(run=start)
+    bus: Any = FakeBus()
+    assert asyncio.run(run._start(bus, drive, ShutdownSignal(), chosen)) is ExitCode.DONE
+    expected = i18n.text("run.attached_service" if remote else "run.attached", language)
+    assert "".join(expected.split()) in "".join(capsys.readouterr().out.split())
 
 
 class FakeBus:

@@ -129,7 +129,7 @@ async def _start(bus: Bus, drive: Drive, shutdown: ShutdownSignal, chosen: RunOp
         output.end_live_line()
     code = print_outcome(outcome, bus.now(), event="started", stream=True)
     if code is ExitCode.DONE and not chosen.detach:
-        output.print_message("run.attached")
+        output.print_message("run.attached_service" if _is_remote(drive) else "run.attached")
     return code
 
 
