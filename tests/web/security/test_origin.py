@@ -160,6 +160,20 @@ def test_a_foreign_name_that_resolves_to_this_machine_is_denied(host: str, statu
     run(scenario())
 
 
+def test_the_denial_of_a_page_behind_a_reverse_proxy_names_the_key_that_it_needs(tmp_path: Path) -> None:
+    """The proxy ends the TLS: the browser's origin is https, and the service is reached by http."""
+    harness = WebAppHarness(tmp_path)
+
+    async def scenario() -> None:
+        client = harness.client(host="192.168.1.20", origin="https://192.168.1.20")
+        answer = await client.post("/api/v1/login", json={"name": "operator", "password": "correct horse battery"})
+        error = answer.json()["error"]
+        assert (answer.status_code, error["code"]) == (403, "auth.foreign_origin")
+        assert all("origins" in text and "plant.toml" in text for text in error["text"].values()), error["text"]
+
+    run(scenario())
+
+
 def test_the_origin_of_a_reverse_proxy_is_accepted_where_it_is_configured(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path, web=WebConfig(origins=("https://plant.example",)))
 
