@@ -17,7 +17,7 @@ from drivebus.values import Text
 from fixtures.browser import Stage
 
 Draw = Callable[..., str]
-DRAW = """async ([module, part, props, { connection, closed, topics, stops, takeovers, only }]) => {
+DRAW = """async ([module, part, props, { connection, closed, lost_ms, topics, stops, takeovers, only }]) => {
   const load = (name) => import(`/static/js/${name}.js`);
   const names = ["lib", "i18n", "live", "session", "control/stops", "store", "control/takeovers"];
   const [lib, i18n, live, session, stopList, store, taken] = await Promise.all(names.map(load));
@@ -26,6 +26,7 @@ DRAW = """async ([module, part, props, { connection, closed, topics, stops, take
   session.session.value = { user: "me", session: "mine", idle: false, rights };
   live.connection.value = connection ?? "live";
   live.closedText.value = closed ?? null;
+  live.lostAt.value = live.now.value + (lost_ms ?? 0);
   taken.takeovers.value = takeovers ?? [];
   stopList.stops.value = (stops ?? []).map((one) => ({ ...one, text: () => one.why }));
   store.applySnapshot({ time_ms: 0, topics: topics ?? {} });
@@ -553,6 +554,12 @@ def test_a_lost_connection_is_explained_by_the_page_also_where_the_server_gave_a
     how = i18n.text("page.offline_how", "en")
     assert (how in text) == is_lost
     assert (f"{(closed or {}).get('en')} {how}" in text) == (is_lost and closed is not None)
+
+
+def test_a_connection_that_is_lost_between_two_ticks_of_the_page_is_lost_for_no_negative_time(draw: Draw) -> None:
+    """Regression: *Connection lost for -0.0 s.* The last message may be newer than the time that the page shows."""
+    text = draw("shell", "Shell", {}, connection="lost", lost_ms=40)
+    assert i18n.text("page.offline", "en", age=i18n.text("page.seconds", "en", n="0.0")) in text
 
 
 def test_the_notice_of_a_lost_connection_names_a_page_that_has_moved_and_promises_no_stop() -> None:
