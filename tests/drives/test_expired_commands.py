@@ -15,7 +15,8 @@ from drivebus.bus.messages import BusRequest
 from drivebus.bus.trace import TraceEvent, TraceKind
 from drivebus.drives import Drive, stop_supervisor
 from drivebus.drives.operations.calibration_run import run_at_word
-from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContext
+from drivebus.drives.operations.command_age import CHECKS_TIMEOUT_S
+from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.direction_calibration import calibration_jog
 from drivebus.drives.operations.jog import begin_jog
 from drivebus.drives.operations.parameters import write_values

@@ -14,7 +14,8 @@ import pytest
 from drivebus import profiles
 from drivebus.drives import Drive, create_dialect, stop_bus
 from drivebus.drives.dialects.base import StopMode
-from drivebus.drives.operations.context import CommandAge, OperationContext
+from drivebus.drives.operations.command_age import CommandAge
+from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.hold import hold_ramp, pause
 from drivebus.drives.operations.jog import begin_jog
 from drivebus.drives.operations.preflight import ensure_preflight

@@ -10,7 +10,8 @@ import pytest
 
 from drivebus.bus import Bus
 from drivebus.drives import Drive, MemoryStore, OutcomeStatus, stop_bus
-from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContext
+from drivebus.drives.operations.command_age import CHECKS_TIMEOUT_S
+from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.start import confirm_start
 from drivebus.drives.operations.steps import BusConditions
 from drivebus.drives.operations.stop import STOP_PROGRESS_TIMEOUT_S

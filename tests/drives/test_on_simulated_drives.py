@@ -11,7 +11,7 @@ import pytest
 from drivebus import profiles
 from drivebus.bus.messages import BusRequest
 from drivebus.drives import Drive, DriveLimits, DriveState, MemoryStore, stop_bus
-from drivebus.drives.operations.context import CommandAge
+from drivebus.drives.operations.command_age import CommandAge
 from drivebus.drives.outcome import Outcome
 from drivebus.drives.state import Direction, DriveStatus
 from drivebus.errors import (

@@ -9,9 +9,10 @@ import pytest
 
 from drivebus import i18n
 from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, RetryPolicy
-from drivebus.drives.context import EepromBudget
 from drivebus.drives.dialects.base import CommandFrame
-from drivebus.drives.operations.context import MAX_READ_EXCHANGES, VERIFICATION_ROUNDS, frame_exchange
+from drivebus.drives.eeprom_budget import EepromBudget
+from drivebus.drives.operations.context import VERIFICATION_ROUNDS
+from drivebus.drives.operations.exchange_log import MAX_READ_EXCHANGES, frame_exchange
 from drivebus.drives.operations.start import run
 from drivebus.drives.operations.steps import UpdateStore, Wait, run_pure
 from drivebus.drives.outcome import OutcomeStatus

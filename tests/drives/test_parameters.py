@@ -14,7 +14,8 @@ from typing import Any
 import pytest
 
 from drivebus import i18n, profiles
-from drivebus.drives.context import DriveContext, DriveLimits, EepromBudget
+from drivebus.drives.context import DriveContext, DriveLimits
+from drivebus.drives.eeprom_budget import EepromBudget
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.parameter_write import check_write, confirmation_needed
 from drivebus.drives.operations.parameters import read_values, write_values
@@ -864,7 +865,7 @@ CHARGE_MANY = """
 import sys
 from drivebus.drives.store import FileStore
 from drivebus.drives.operations.steps import run_pure
-from drivebus.drives.context import EepromBudget
+from drivebus.drives.eeprom_budget import EepromBudget
 from drivebus.errors import EepromBudgetExceeded
 store, counted = FileStore(sys.argv[1]), 0
 for n in range(25):

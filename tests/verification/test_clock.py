@@ -12,7 +12,7 @@ import pytest
 from drivebus import clock as product_clock
 from drivebus.bus import Bus
 from drivebus.drives import permissives, runner
-from drivebus.drives.context import EepromBudget, SaveCount
+from drivebus.drives.eeprom_budget import EepromBudget, SaveCount
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import get_bus_conditions
 from fixtures.campaigns import finds
@@ -188,7 +188,7 @@ def test_a_command_that_never_expires_is_found(monkeypatch: pytest.MonkeyPatch) 
 def test_a_queued_frame_that_never_expires_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     ages = dict.fromkeys(permissives.COMMAND_TTL_S, 1e6)
     monkeypatch.setattr(permissives, "COMMAND_TTL_S", ages)
-    monkeypatch.setattr("drivebus.drives.operations.context.CHECKS_TIMEOUT_S", 1e6)
+    monkeypatch.setattr("drivebus.drives.operations.command_age.CHECKS_TIMEOUT_S", 1e6)
     assert reported(sleep_scenarios(), "was sent after the sleep")
 
 

@@ -19,7 +19,7 @@ from drivebus.bus import timer as timers
 from drivebus.bus.core import BusCore
 from drivebus.capture.dbcap import CaptureWriter
 from drivebus.drives import store as stores
-from drivebus.drives.context import EepromBudget
+from drivebus.drives.eeprom_budget import EepromBudget
 from verification.campaign import CampaignRun, run_campaign
 from verification.campaigns import failures
 from verification.drive_variants import DriveVariant

@@ -20,10 +20,11 @@ from drivebus.bus.trace import TraceEvent
 from drivebus.bus.transaction import Transaction
 from drivebus.bus.unsolicited import UnsolicitedBytes
 from drivebus.drives import Drive, bus_stop, permissives
-from drivebus.drives.context import EepromBudget, Preflight
+from drivebus.drives.context import Preflight
 from drivebus.drives.dialects import dzb100, sunfar
 from drivebus.drives.dialects.command_word import CommandBits
 from drivebus.drives.dialects.modbus import ModbusDialect
+from drivebus.drives.eeprom_budget import EepromBudget
 from drivebus.drives.jog_session import JogSession
 from drivebus.drives.operations import setpoint
 from drivebus.drives.operations import status as comm_loss

@@ -14,7 +14,7 @@ from drivebus.bus.messages import Permit
 from drivebus.bus.scheduler import Scheduler
 from drivebus.bus.station import Station, UnansweredRequest
 from drivebus.bus.transaction import Transaction
-from drivebus.drives.context import EepromBudget
+from drivebus.drives.eeprom_budget import EepromBudget
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import get_bus_conditions
 from drivebus.drives.permissives import PermitInputs

@@ -7,9 +7,10 @@ from math import floor
 from typing import Any
 
 from drivebus import profiles
-from drivebus.drives.context import DriveContext, EepromBudget
+from drivebus.drives.context import DriveContext
 from drivebus.drives.dialects.base import CommandFrame, Dialect, Hold, StopMode
 from drivebus.drives.dialects.create import create_dialect
+from drivebus.drives.eeprom_budget import EepromBudget
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.permissives import CommandKind
 from drivebus.drives.readings import ReadingPairs

@@ -82,9 +82,10 @@ class DryRun:
     """Frames that a command would send to one drive."""
 
     def __init__(self, target: Target) -> None:
-        from drivebus.drives.context import DriveContext, EepromBudget
+        from drivebus.drives.context import DriveContext
         from drivebus.drives.dialects.create import create_dialect
         from drivebus.drives.drive import VOLATILE_SCHEMES, known_options
+        from drivebus.drives.eeprom_budget import EepromBudget
         from drivebus.drives.store import MemoryStore
         from drivebus.profiles.model import SETPOINT_STEP
 

@@ -14,7 +14,7 @@ from drivebus.bus import Bus
 from drivebus.bus.messages import BusRequest, RequestPriority
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.drive import Drive
-from drivebus.drives.operations.context import frame_exchange
+from drivebus.drives.operations.exchange_log import frame_exchange
 from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
 from drivebus.errors import DrivebusError, PortError, StopUnconfirmed
 

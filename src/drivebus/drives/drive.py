@@ -12,9 +12,10 @@ from drivebus.bus import Bus, Presence
 from drivebus.bus.messages import BusResult
 from drivebus.clock import random_word
 from drivebus.drives.calibration import Calibration
-from drivebus.drives.context import DriveContext, DriveLimits, EepromBudget, Preflight
+from drivebus.drives.context import DriveContext, DriveLimits, Preflight
 from drivebus.drives.dialects.base import DEFAULT_NONCE_START, Dialect, Identity, StopMode
 from drivebus.drives.dialects.create import create_dialect
+from drivebus.drives.eeprom_budget import EepromBudget
 from drivebus.drives.jog_session import JogSession
 from drivebus.drives.monitor import Monitor
 from drivebus.drives.operations import hold, loopback, parameters, reset, setpoint, start, status

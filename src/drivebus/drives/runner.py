@@ -36,7 +36,8 @@ from drivebus.bus import Bus
 from drivebus.bus.messages import BusRequest, BusResult
 from drivebus.bus.station import Presence
 from drivebus.drives.context import DriveContext
-from drivebus.drives.operations.context import CHECKS_TIMEOUT_S, OperationContext
+from drivebus.drives.operations.command_age import CHECKS_TIMEOUT_S
+from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import BusConditions, DriveOperation, GetBusConditions, Step, UpdateStore, Wait
 from drivebus.drives.shared_transactions import SharedTransactions
 from drivebus.drives.store import Store

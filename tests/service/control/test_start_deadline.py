@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from drivebus.drives.operations import context
+from drivebus.drives.operations import command_age
 from drivebus.drives.outcome import Outcome
 from drivebus.drives.permissives import COMMAND_TTL_S, CommandKind
 from drivebus.errors import Expired, OutcomeUnknown
@@ -50,7 +50,7 @@ def test_a_slow_audit_record_leaves_less_time_for_the_checks(
     name: str, audit_delay_s: float, limit_s: float, starts: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The checks of this bus take 0.7 s; neither they nor the record alone take too long."""
-    monkeypatch.setattr(context, "CHECKS_TIMEOUT_S", limit_s)
+    monkeypatch.setattr(command_age, "CHECKS_TIMEOUT_S", limit_s)
 
     async def scenario() -> None:
         async with running_service(plant_config(groups=(GROUP,))) as kit:
@@ -70,7 +70,7 @@ def test_each_further_drive_of_a_group_has_its_own_deadline(
     start_interval_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The turn of a further drive comes seconds after the command; the lease shows that the command still stands."""
-    monkeypatch.setattr(context, "CHECKS_TIMEOUT_S", COMMAND_TTL_S[CommandKind.START])
+    monkeypatch.setattr(command_age, "CHECKS_TIMEOUT_S", COMMAND_TTL_S[CommandKind.START])
 
     async def scenario() -> None:
         group = GroupConfig(
@@ -82,7 +82,7 @@ def test_each_further_drive_of_a_group_has_its_own_deadline(
             started_at = kit.service.plant.now()
             found = await kit.call("group.start", group="fans", frequency_hz=20.0)
             assert [outcome.get("status") for outcome in found["outcomes"].values()] == ["confirmed"] * 3
-            assert kit.service.plant.now() - started_at > context.CHECKS_TIMEOUT_S
+            assert kit.service.plant.now() - started_at > command_age.CHECKS_TIMEOUT_S
 
     run(scenario())
 
@@ -132,7 +132,7 @@ def test_the_age_of_a_setpoint_counts_from_its_command(leader: str | None) -> No
 
 def test_a_group_start_after_a_stop_has_its_own_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
     """The lease of fan-1 is renewed, because it would expire during the start and the stop of the group."""
-    monkeypatch.setattr(context, "CHECKS_TIMEOUT_S", COMMAND_TTL_S[CommandKind.START])
+    monkeypatch.setattr(command_age, "CHECKS_TIMEOUT_S", COMMAND_TTL_S[CommandKind.START])
 
     async def scenario() -> None:
         async with running_service(plant_config(groups=(GROUP,))) as kit:
@@ -145,14 +145,14 @@ def test_a_group_start_after_a_stop_has_its_own_deadline(monkeypatch: pytest.Mon
             started_at = kit.service.plant.now()
             found = await kit.call("group.start", group="fans", frequency_hz=20.0)
             assert found["outcomes"]["fan-1"]["status"] == "confirmed"
-            assert kit.service.plant.now() - started_at > context.CHECKS_TIMEOUT_S
+            assert kit.service.plant.now() - started_at > command_age.CHECKS_TIMEOUT_S
 
     run(scenario())
 
 
 def test_the_documented_time_limits_of_commands() -> None:
     assert COMMAND_TTL_S[CommandKind.START] == COMMAND_TTL_S[CommandKind.JOG] == 2.0
-    assert context.CHECKS_TIMEOUT_S == COMMAND_TTL_S[CommandKind.SETPOINT] == 5.0
+    assert command_age.CHECKS_TIMEOUT_S == COMMAND_TTL_S[CommandKind.SETPOINT] == 5.0
 
 
 @pytest.mark.parametrize("may_be_running", [None, False])

@@ -2,89 +2,28 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import inf, isfinite
 from typing import Any
 
 from drivebus.bus.messages import BusRequest, BusResult, Permit, RequestPriority
 from drivebus.drives import permissives
 from drivebus.drives.context import DriveContext
 from drivebus.drives.dialects.base import CommandFrame, Rejection, reported_fault
+from drivebus.drives.operations.command_age import CommandAge
+from drivebus.drives.operations.exchange_log import ExchangeLog
 from drivebus.drives.operations.state_reports import StateReports
 from drivebus.drives.operations.steps import BusConditions, DriveOperation, get_bus_conditions, transact
-from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
+from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.permissives import CommandKind, DriveCommand, DriveEvidence, PermitInputs
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveState, DriveStatus
-from drivebus.errors import DrivebusError, Expired, NotPermitted, PortLost, StartInhibited, Superseded
+from drivebus.errors import DrivebusError, NotPermitted, PortLost, StartInhibited, Superseded
 from drivebus.protocols.codec import Effect
 from drivebus.values import Text, bilingual_text
 
 VERIFICATION_ROUNDS = 2  # a state is read this often, each time behind a sync probe of its own, and must agree
 EXTRA_VERIFICATION_ROUNDS = 3  # further rounds for a drive that changes its state between two reads
-CHECKS_TIMEOUT_S = 5.0  # limit from the request of a command to the end of its checks
-CHECKS_TIMEOUT_TRANSACTIONS = 40  # the checks may take so many transactions where that is longer (300 baud: 25 s)
-MAX_COMMAND_EXCHANGES = 64  # most frames of commands and stops that an outcome holds
-MAX_READ_EXCHANGES = 24  # most reads that an outcome holds, the last ones: a repeated stop reads without end
-
-
-class CommandAge:
-    """Age of a command and of its checks."""
-
-    def __init__(self, requested_at: float | None, checks_started_at: float | None) -> None:
-        self.requested_at = requested_at  # None: the age of the command counts from the end of its checks
-        self.checks_started_at = checks_started_at  # None: the checks have not started
-        self.fastest_transaction_s = inf  # shortest transaction so far, from the gap before it: the speed of this bus
-        self.longest_pause_s = 0.0  # longest time between two replies: no operation pauses by itself for so long
-        self._last_reply_at: float | None = None
-
-    def add(self, result: BusResult) -> None:
-        """Take a transaction into account."""
-        if result.sent_at is not None and result.received_at is not None:
-            transaction_s = result.gap_s + result.received_at - result.sent_at
-            self.fastest_transaction_s = min(self.fastest_transaction_s, transaction_s)
-        if result.received_at is not None:
-            if self._last_reply_at is not None:
-                self.longest_pause_s = max(self.longest_pause_s, result.received_at - self._last_reply_at)
-            self._last_reply_at = result.received_at
-
-    def check(self, now: float) -> None:
-        """Raise Expired where the checks took so long that a command after them would surprise the user.
-
-        So does a pause as long before the checks, in an earlier run of the same command: the host was suspended.
-        """
-        transactions_s = CHECKS_TIMEOUT_TRANSACTIONS * self.fastest_transaction_s
-        limit_s = max(CHECKS_TIMEOUT_S, transactions_s if isfinite(transactions_s) else 0.0)
-        age_s = 0.0 if self.checks_started_at is None else now - self.checks_started_at
-        age_s = max(age_s, self.longest_pause_s)
-        if age_s > limit_s:
-            raise Expired("drives.checks_timeout", age_s=round(age_s, 2), limit_s=round(limit_s, 1))
-
-    def created_at(self, kind: CommandKind, now: float) -> float:
-        """Return the creation time of a command: now, but no command outlives its request by more than 5 s."""
-        if self.requested_at is None:
-            return now
-        return min(now, self.requested_at + max(0.0, CHECKS_TIMEOUT_S - permissives.COMMAND_TTL_S[kind]))
-
-
-class ExchangeLog:
-    """Frames of one operation with their replies, at most 64 commands and the last 24 reads."""
-
-    def __init__(self) -> None:
-        self._commands: deque[FrameExchange] = deque(maxlen=MAX_COMMAND_EXCHANGES)
-        self._reads: deque[FrameExchange] = deque(maxlen=MAX_READ_EXCHANGES)
-
-    def add(self, result: BusResult, effect: Effect) -> None:
-        """Add a frame that was sent."""
-        log = self._reads if effect is Effect.NONE else self._commands
-        log.append(frame_exchange(result))
-
-    def in_order(self) -> tuple[FrameExchange, ...]:
-        """Return the frames in the order in which they were sent."""
-        both = [*self._commands, *self._reads]
-        return tuple(sorted(both, key=lambda e: e.sent_at if e.sent_at is not None else 0.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -497,15 +436,6 @@ class OperationContext:
 def with_note(outcome: Outcome, key: str, /, **params: Any) -> Outcome:
     """Return the outcome with one more note."""
     return replace(outcome, notes=(*outcome.notes, (key, params)))
-
-
-def frame_exchange(result: BusResult) -> FrameExchange:
-    """Return the frame and the reply of a transaction."""
-    exchange = FrameExchange(
-        sent=result.sent, received=result.received, sent_at=result.sent_at, received_at=result.received_at
-    )
-    error = result.error
-    return replace(exchange, error=error.key, params=error.params) if isinstance(error, DrivebusError) else exchange
 
 
 def _is_mirrored_reply(result: BusResult) -> bool:

@@ -10,7 +10,8 @@ from dataclasses import replace
 
 from drivebus.drives.context import DriveContext
 from drivebus.drives.dialects.base import Hold
-from drivebus.drives.operations.context import CommandAge, OperationContext, with_note
+from drivebus.drives.operations.command_age import CommandAge
+from drivebus.drives.operations.context import OperationContext, with_note
 from drivebus.drives.operations.preflight import ensure_preflight
 from drivebus.drives.operations.start import COMMAND_SETTLE_S, START_CONFIRM_TIMEOUT_S, speed_tolerance_hz
 from drivebus.drives.operations.steps import DriveOperation, get_bus_conditions, wait

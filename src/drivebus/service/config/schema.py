@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
 
-from drivebus.drives.context import DEFAULT_EEPROM_WRITES_PER_DAY
+from drivebus.drives.eeprom_budget import DEFAULT_EEPROM_WRITES_PER_DAY
 from drivebus.profiles.schema import LanguageCode, StrictTable, table_of_text
 from drivebus.service.config.model import AlarmKind, HistoryConfig
 from drivebus.service.ids import Id
