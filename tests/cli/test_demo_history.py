@@ -106,8 +106,17 @@ def test_each_trip_of_the_history_is_an_alarm_that_was_acknowledged_and_cleared(
 def test_the_events_of_the_history_name_their_drive_as_the_page_does() -> None:
     history = generator()
     list(history.samples())
-    found = host._event_json(history.events[0], 0, Text("spindle 1", "主轴 1"))
+    found = host._event_json(history.events[0], 0, Text("spindle 1", "主轴 1"), profiles.load("vc660"))
     assert found["text"]["en"].startswith("spindle 1:") and found["text"]["zh"].startswith("主轴 1：")
+
+
+def test_a_trip_of_the_history_names_its_fault_as_one_of_a_drive_does() -> None:
+    """Regression: the list of a drive's faults had *its motor jams …* for a fault of some hours ago."""
+    for _, profile, history, _ in (shift(*one) for one in SHIFTS if BUSES[one[0]].model == "dzb100"):
+        for event in history.events:
+            text = host._event_json(event, 0, Text("Fan", "风机"), profile)["text"]
+            named = (text["en"] == "fault E005: over-current while running", text["zh"] == "故障 E005：运转中过电流")
+            assert named == (event.kind == "trip", event.kind == "trip")
 
 
 def test_the_statistics_count_the_hours_of_the_history() -> None:

@@ -27,6 +27,7 @@ from drivebus.cli.demo.history import (
     number_alarms,
     past_alarms,
     past_statistics,
+    trip_fault,
 )
 from drivebus.cli.demo.layout import BUSES
 from drivebus.cli.demo.plant import DemoPlant, MemoryDemoPlant, create_demo_plant
@@ -44,6 +45,7 @@ from drivebus.cli.errors import ExitCode
 from drivebus.cli.signals import shutdown_signals
 from drivebus.clock import wall_ms
 from drivebus.drives.store import FileStore
+from drivebus.profiles.model import DriveProfile
 from drivebus.service.alarms import Alarm
 from drivebus.service.alarms.log import ALARM_LOG_FILE, AlarmLog
 from drivebus.service.api.errors import localized
@@ -254,7 +256,7 @@ async def _write_history(config: PlantConfig) -> None:
                 samples = list(generator.samples())
                 historian.append(samples)
                 for number, event in enumerate(generator.events):
-                    historian.put_event(_event_json(event, number, setting.title))
+                    historian.put_event(_event_json(event, number, setting.title, profile))
                 alarms += past_alarms(setting, profile, generator.events, USER)
                 statistics = past_statistics(profile, samples, generator.events, start_ms)
                 historian.put_document(DOCUMENT_KIND, drive.key, statistics.to_document())
@@ -265,13 +267,17 @@ async def _write_history(config: PlantConfig) -> None:
     await log.close()
 
 
-def _event_json(event: DemoEvent, number: int, name: Text) -> Json:
+def _event_json(event: DemoEvent, number: int, name: Text, profile: DriveProfile) -> Json:
+    text = localized(f"demo.{event.kind}", {"name": name, "hz": f"{event.frequency_hz:g}"})
+    if event.kind == "trip":
+        fault = trip_fault(profile)
+        text = localized("plant.drive_fault", {"label": fault["label"], "fault": Text(**fault["text"])})
     return {
         "id": f"shift-{event.drive}-{number}",
         "time_ms": event.time_ms,
         "kind": "fault" if event.kind == "trip" else "command",
         "drive": event.drive,
-        "text": localized(f"demo.{event.kind}", {"name": name, "hz": f"{event.frequency_hz:g}"}),
+        "text": text,
         "actor": "demo",
         "outcome": None,
     }
