@@ -304,6 +304,14 @@ def test_a_broadcast_is_called_one(model: str, data: bytes) -> None:
     assert "broadcast" not in describe_frame("vc660", rtu("01 06 00 02 0F A0")).fields
 
 
+@pytest.mark.parametrize("frame", [b"*1F0000000197\r", b"*1F1000000198\r", b"*1F200001019A\r"])
+def test_a_read_of_the_broadcast_address_of_c320_is_said_to_bring_nothing(frame: bytes) -> None:
+    """Only the read of address 0 of a VC660 was."""
+    found = describe_frame("c320", frame)
+    assert found.valid and keys(found, "errata") == ["explain.broadcast_read"]
+    assert keys(describe_frame("c320", b"*1F403000001CE\r"), "errata") == []
+
+
 @pytest.mark.parametrize(
     ("model", "start", "stop"),
     [

@@ -15,7 +15,9 @@ from drivebus.commissioning.decode.annotate import (
 )
 from drivebus.profiles import DriveProfile
 from drivebus.protocols import sunfar
-from drivebus.protocols.describe import FrameDescription, FrameDirection
+from drivebus.protocols.describe import FrameDescription, FrameDirection, note
+
+_READ_CLASSES = {read.frame_class for read in (sunfar.ReadIdentity, sunfar.ReadMonitor, sunfar.SunfarReadParameter)}
 
 
 def describe(
@@ -27,7 +29,10 @@ def describe(
     notation = fields.get("parameter") or fields.get("monitor")
     entry = next((entry for entry in entries(profile) if entry.notation == notation), None)
     added = {} if entry is None or entry.unit == "Hz" else quantity_fields(entry, fields.get("data"))
-    return annotate(description, added | fault_fields(profile, fields) | broadcast_field(profile, description))
+    is_broadcast = broadcast_field(profile, description)
+    is_read = fields.get("class") in _READ_CLASSES
+    errata = (note("explain.broadcast_read", address=profile.broadcast),) if is_broadcast and is_read else ()
+    return annotate(description, added | fault_fields(profile, fields) | is_broadcast, errata)
 
 
 def decode_options(profile: DriveProfile) -> sunfar.SunfarDecodeOptions:
