@@ -97,6 +97,15 @@ def test_read_shows_notation_wire_address_raw_and_scaled_value() -> None:
     assert by_name["output_frequency"]["unit"] == "Hz"
 
 
+def test_read_shows_the_factory_setting_beside_the_value() -> None:
+    """It was on the page and in the API only."""
+    drive = ("sim://vc660@1", "F00.01", "output_frequency", "--model", "vc660", "--address", "1")
+    found = run_json("read", *drive)["values"]
+    assert [one["factory"] for one in found] == [2.0, None]
+    assert "source of the frequency = serial port (factory setting 2)" in run_text("read", *drive)
+    assert "（出厂值 2）" in run_text("read", *drive, "--lang", "zh")
+
+
 def test_an_unknown_name_does_not_keep_the_other_names_from_being_read() -> None:
     """A single mistyped name of ten left the user without any value, and named itself only."""
     words = ("read", "sim://c320@1", "F0.300", "F0.1", "output_frequence", "output_frequency", *C320)

@@ -67,7 +67,7 @@ def _find_entries(
 
 
 def value_json(name: str, entry: Signal | Parameter, reading: Reading, now: float) -> dict[str, Any]:
-    """Return a value with its notation, address on the wire, raw word and meaning."""
+    """Return a value with its notation, address on the wire, raw word, meaning and factory setting."""
     choices = getattr(entry, "choices", {})
     meaning = choices.get(reading.raw) if reading.raw is not None else None
     return {
@@ -78,6 +78,7 @@ def value_json(name: str, entry: Signal | Parameter, reading: Reading, now: floa
         "raw": reading.raw,
         "raw_hex": None if reading.raw is None else f"{reading.raw:04X}H",
         "meaning": output.to_json_value(meaning) if meaning else None,
+        "factory": getattr(entry, "factory", None),
     } | reading_json(reading, now)
 
 
@@ -89,10 +90,14 @@ def values_table(rows: list[dict[str, Any]], entries: dict[str, Signal | Paramet
 
 def _cells(row: dict[str, Any], entry: Signal | Parameter) -> list[str]:
     meaning = f" = {row['meaning']}" if row["meaning"] else ""
+    factory = ""
+    if row["factory"] is not None:
+        shown = format_value(row["factory"], row["unit"], entry)
+        factory = output.text("status.because", why=output.text("read.factory", value=shown))
     reason = output.text("status.because", why=row["reason"]) if row.get("reason") else ""
     wire = f"{output.text('read.space_' + row['wire']['space'])} {row['wire']['hex']}"
     value = format_value(row["value"], row["unit"], entry)
-    return [row["notation"], wire, row["raw_hex"] or "–", value, row["text"] + meaning + reason]
+    return [row["notation"], wire, row["raw_hex"] or "–", value, row["text"] + meaning + factory + reason]
 
 
 def _reject_joined_names(ctx: click.Context, param: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
