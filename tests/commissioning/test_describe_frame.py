@@ -305,7 +305,7 @@ def test_a_broadcast_is_called_one(model: str, data: bytes) -> None:
 
 
 @pytest.mark.parametrize("frame", [b"*1F0000000197\r", b"*1F1000000198\r", b"*1F200001019A\r"])
-def test_a_read_of_the_broadcast_address_of_c320_is_said_to_bring_nothing(frame: bytes) -> None:
+def test_a_read_of_the_broadcast_address_of_c320_has_an_erratum(frame: bytes) -> None:
     """Only the read of address 0 of a VC660 was."""
     found = describe_frame("c320", frame)
     assert found.valid and keys(found, "errata") == ["explain.broadcast_read"]
