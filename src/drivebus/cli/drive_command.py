@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from drivebus.drives import Drive, DriveLimits
     from drivebus.drives.outcome import Outcome
 
-_PORT_OPTIONS = ("port", "model", "address", "baud", "format", "encoding", "option", "record")
+BUS_OPTIONS = ("model", "address", "baud", "format", "encoding", "option", "record")  # options of a drive on a port
+_PORT_OPTIONS = ("port", *BUS_OPTIONS)
 _LOCAL_OPTIONS = ("dry_run", "wait", "eeprom_writes_per_day")  # options of some commands that a service does not take
 _REPLACED_ARGUMENTS = ("port", "source", "target")  # arguments that ``--service`` replaces
 _SERVICE_GIVEN = "drivebus.service"

@@ -17,6 +17,7 @@ from drivebus.cli import options, output
 from drivebus.cli.click_ext import Argument, Option
 from drivebus.cli.connect import Target, record_port
 from drivebus.cli.drive_command import (
+    BUS_OPTIONS,
     RemoteCommand,
     check_port_form,
     pop_remote_target,
@@ -44,7 +45,6 @@ if TYPE_CHECKING:
 STOP_ACCEPT_TIMEOUT_S = 3.0  # a service accepts a stop at once; its result takes as long as the motor
 _FLAGS_OF_ONE_DRIVE = ("--quick", "--assume-model", "--")  # left out of the command that stops several
 _NOT_OF_ADDRESSES = ("everything", "service", "drive", "group", "directory")
-_BUS_OPTIONS = ("model", "address", "baud", "format", "encoding", "option", "record")
 
 
 def _stop(
@@ -95,7 +95,7 @@ def _check_of_many(option: str, *, quick: bool, assume_model: bool) -> None:
 
 def _reject_bus_options(arguments: dict[str, Any], *more: str) -> None:
     """Raise ConfigurationError for an option of a bus, or of ``more``, that a stop through a service does not take."""
-    reject_local_options(arguments | {"address": arguments["addresses"]}, (*_BUS_OPTIONS, *more))
+    reject_local_options(arguments | {"address": arguments["addresses"]}, (*BUS_OPTIONS, *more))
 
 
 # --- one drive ----------------------------------------------------------------------------------------------------
@@ -125,7 +125,7 @@ def _stop_one(port: str | None, arguments: dict[str, Any], *, quick: bool, assum
 
 
 def _port_options(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: arguments[name] for name in ("model", "baud", "format", "encoding", "option", "record")}
+    return {name: arguments[name] for name in BUS_OPTIONS if name != "address"}
 
 
 def _require(name: str, value: Any) -> None:

@@ -1,8 +1,8 @@
 """Test of a drive's behaviour at communication loss: run it slowly, send it nothing, read what it did, stop it.
 
 Only this drive gets no requests, which is the harder case: where a drive stops although other stations are addressed,
-it also stops when the whole bus is silent. Any frame to the drive ends the
-silence, so that an adapter that is pulled and plugged in again is measured as well.
+it also stops when the whole bus is silent. Any frame to the drive ends the silence, so that an adapter that is pulled
+and plugged in again is measured as well.
 """
 
 from __future__ import annotations

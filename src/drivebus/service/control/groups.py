@@ -34,7 +34,7 @@ from drivebus.service.api.operations.groups import (
 from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import GroupConfig
 from drivebus.service.control.drive_commands import DriveCommands, follower_hz
-from drivebus.service.control.leases import ARM_TTL_S
+from drivebus.service.control.leases import ARM_TTL_S, arm_target_of_group
 from drivebus.service.control.start_blockers import check_start
 from drivebus.service.control.tickets import CommandTicket, check_not_superseded
 from drivebus.service.live.views import text_json
@@ -83,7 +83,7 @@ class GroupCommands:
         _check_none_tripped(group, runtimes)
         _check_followers_online(group, runtimes)
         return {
-            "arm_token": self.plant.arm_tokens.issue(f"group:{group.id}", actor, self.plant.now()),
+            "arm_token": self.plant.arm_tokens.issue(arm_target_of_group(group.id), actor, self.plant.now()),
             "expires_s": ARM_TTL_S,
         }
 
@@ -102,7 +102,7 @@ class GroupCommands:
             _check_member_frequency(group, runtime, params.frequency_hz)
         _check_none_tripped(group, runtimes)
         _check_followers_online(group, runtimes)
-        self.plant.arm_tokens.consume(params.arm_token, f"group:{group.id}", actor, self.plant.now())
+        self.plant.arm_tokens.consume(params.arm_token, arm_target_of_group(group.id), actor, self.plant.now())
         self.progress[group.id] = 0
         start = _GroupStart(group, runtimes, params, actor)
         outcomes: Json = {}
@@ -229,8 +229,7 @@ class GroupCommands:
         started = self.progress.get(group.id)
         progress = None if started is None else {"started": started, "of": len(group.drives)}
         state = "starting" if progress else self._group_state(group)
-        runtimes = [self.plant.drives[id] for id in group.drives if id in self.plant.drives]
-        ranges_hz = [_group_range_hz(group, runtime) for runtime in runtimes]
+        ranges_hz = [_group_range_hz(group, runtime) for runtime in self._present_drives(group)]
         return {
             "id": group.id,
             "title": text_json(group.title),
@@ -243,8 +242,12 @@ class GroupCommands:
             "progress": progress,
         }
 
+    def _present_drives(self, group: GroupConfig) -> list[DriveRuntime]:
+        """Return the drives of a group that the plant has now: during a reload some may be missing."""
+        return [self.plant.drives[id] for id in group.drives if id in self.plant.drives]
+
     def _group_state(self, group: GroupConfig) -> str:
-        runtimes = [self.plant.drives[id] for id in group.drives if id in self.plant.drives]
+        runtimes = self._present_drives(group)
         if any(runtime.state_is_unknown or not runtime.is_online for runtime in runtimes):
             return "unknown"
         turning = [runtime.turning for runtime in runtimes]

@@ -27,6 +27,11 @@ def arm_target_of_test(drive: str) -> str:
     return f"comm-loss-test:{drive}"
 
 
+def arm_target_of_group(group: str) -> str:
+    """Return the target of arm tokens for the start of a group."""
+    return f"group:{group}"
+
+
 @dataclass(frozen=True, slots=True)
 class ControlLease:
     """Control of one drive by one session until ``expires_at``, in monotonic seconds."""
@@ -167,7 +172,7 @@ class IssuedArm:
     """Permission of one session to start ``target`` until ``expires_at``, in monotonic seconds."""
 
     target: str
-    """A drive, ``group:<id>``, or what ``arm_target_of_test`` returns."""
+    """A drive, or what ``arm_target_of_group`` or ``arm_target_of_test`` returns."""
     session: str
     expires_at: float
 

@@ -22,7 +22,7 @@ from drivebus.service.config.bus_load import profile_of
 from drivebus.service.config.model import AlarmKind, BusConfig, DriveConfig, GroupConfig, PlantConfig, title_of
 from drivebus.service.control.comm_loss_record import CommLossRecord
 from drivebus.service.control.control_requests import ControlRequests
-from drivebus.service.control.leases import ArmTokens, ControlLeases, arm_target_of_test
+from drivebus.service.control.leases import ArmTokens, ControlLeases, arm_target_of_group, arm_target_of_test
 from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.historian import Historian
 from drivebus.service.interlocks.engine import InterlockEngine
@@ -347,7 +347,7 @@ class Plant:
 
     def revoke_arm_tokens(self, drive: str) -> None:
         """Invalidate the arm tokens of a drive and of its groups."""
-        groups = (f"group:{group.id}" for group in self.groups_of(drive))
+        groups = (arm_target_of_group(group.id) for group in self.groups_of(drive))
         self.arm_tokens.revoke(drive, arm_target_of_test(drive), *groups)
 
     def _on_control_end(self, drive: str) -> None:

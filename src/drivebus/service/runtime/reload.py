@@ -28,6 +28,7 @@ from drivebus.service.config.diff import ConfigDiff, ReloadAction, config_diff
 from drivebus.service.config.load import load
 from drivebus.service.config.model import PlantConfig
 from drivebus.service.config.redaction import redact_text
+from drivebus.service.control.leases import arm_target_of_group
 from drivebus.service.live.publisher import LivePublisher
 from drivebus.service.process.permissions import check_plant_files
 from drivebus.service.runtime.bus import BusRuntime
@@ -175,7 +176,7 @@ class ConfigReload:
                 owner = lease.actor.name
                 plant.publish_event("lease", id, "plant.control_ended_by_reload", actor=owner, owner=owner)
             plant.leases.remove_drive(id)
-        plant.arm_tokens.revoke(*(f"group:{id}" for id in (*change.groups.removed, *change.groups.changed)))
+        plant.arm_tokens.revoke(*map(arm_target_of_group, (*change.groups.removed, *change.groups.changed)))
 
     def _remove_drives(self, change: ConfigDiff) -> list[BusRuntime]:
         for id in _leaving_drives(change):
