@@ -233,7 +233,7 @@ def test_a_lost_lease_is_handled_unless_the_drive_reports_standstill(policy: OnC
             lost = [one for one in kit.service.plant.alarms.active() if one.kind == SystemAlarm.CONTROL_LOST]
             assert [one.text.by_language() for one in lost] == MAY_BE_RUNNING * (silent and policy is OnClientLost.HOLD)
             stops = [entry.what for entry in kit.trail.entries if entry.who == "drivebus"]
-            assert stops == (["drive.stop"] if silent and policy is OnClientLost.STOP else [])
+            assert stops == (["drive.stop"] * 2 if silent and policy is OnClientLost.STOP else [])
 
     run(scenario())
 

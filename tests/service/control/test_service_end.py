@@ -71,6 +71,10 @@ def test_a_stopping_service_stops_the_drives_that_it_started_by_their_policy(
             outcomes = await kit.service.stop()
             stopped = policy is OnServiceStop.STOP
             assert [*outcomes] == (["fan-1"] if stopped else [])
+            ended = [
+                (one.target, one.outcome, bool(one.frames)) for one in kit.trail.entries if one.what == "drive.stop"
+            ]
+            assert ended == [("fan-1", "requested", False), ("fan-1", "confirmed", True)] * stopped
             assert [station.motor.phase is OutputPhase.OFF for station in stations] == [stopped, False]
             assert kit.drives_of_events("plant.held") == ([] if stopped else ["fan-1"])
             assert kit.drives_of_events("plant.left_running") == ["fan-2"]
@@ -196,6 +200,7 @@ def test_a_stopping_service_reports_unconfirmed_stops_within_three_seconds() -> 
             outcomes = await kit.service.stop()
             assert kit.service.plant.now() - started_at <= 3.0
             assert outcomes["fan-1"]["kind"] == "StopUnconfirmed" and "status" not in outcomes["fan-1"]
+            assert kit.trail.outcomes("drive.stop") == ["requested", "plant.stop_not_sent_port"]
 
     run(scenario())
 

@@ -106,7 +106,7 @@ async def test_a_new_operation_is_answered_by_the_handler_beside_its_declaration
 async def test_a_new_stop_has_the_exceptions_of_a_stop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before the set-up, beyond the limit of pending requests, while the service ends, and without its audit trail."""
     monkeypatch.setattr(handlers, "HANDLERS", {})
-    halt = replace(POLISH, name="drive.halt", path="/drives/{drive}/halt", right=Right.STOP, audit=Audit.AFTER)
+    halt = replace(POLISH, name="drive.halt", path="/drives/{drive}/halt", right=Right.STOP, audit=Audit.MEANWHILE)
     monkeypatch.setitem(OPERATIONS, halt.name, halt)
 
     class Brake:
@@ -222,10 +222,13 @@ def test_the_example_of_an_operation_fits_its_own_parameters(operation: Operatio
         ({"response": None}, "either a response model or media types"),
         ({"media_types": ("text/csv",)}, "either a response model or media types"),
         ({"path": "/motors/{motor}/polish"}, "are no parameters"),
-        ({"audit": Audit.AFTER}, "only an operation of the right 'stop'"),
+        ({"audit": Audit.MEANWHILE}, "only an operation of the right 'stop'"),
         ({"audit": Audit.SESSION}, "an operation that needs a right is recorded before it is done"),
         ({"audit": Audit.NONE, "moves_motors": True}, "a motion is recorded before it begins"),
-        ({"audit": Audit.AFTER, "right": Right.STOP, "moves_motors": True}, "a motion is recorded before it begins"),
+        (
+            {"audit": Audit.MEANWHILE, "right": Right.STOP, "moves_motors": True},
+            "a motion is recorded before it begins",
+        ),
     ],
 )
 def test_a_declaration_that_contradicts_itself_is_rejected(changes: dict[str, object], problem: str) -> None:

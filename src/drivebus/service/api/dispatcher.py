@@ -1,7 +1,7 @@
 """Dispatcher of operations: right, parameters, state of the service, audit record, handler.
 
 The checks are made in this order. A command is recorded before its first frame is sent and after it is done; a stop is
-done first and then recorded.
+queued first, recorded while it is sent, and again after it is done.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Dispatcher:
         if operation.moves_motors:
             return await self._run_recorded(operation, params, actor, handler)
         if operation.is_stop:
-            return await self._stop_then_record(operation, params, actor, handler)
+            return await self._stop_and_record(operation, params, actor, handler)
         return await self._run_recorded(operation, params, actor, lambda params, actor, ticket: handler(params, actor))
 
     def _check_accepting(self, operation: Operation) -> None:
@@ -110,20 +110,26 @@ class Dispatcher:
             self._record_nowait(_audit_entry(operation, params, actor, error.key))
         raise error
 
-    async def _stop_then_record(
+    async def _stop_and_record(
         self, operation: Operation, params: OperationParams, actor: Actor, handler: OperationHandler
     ) -> Json:
-        """Stop, then record it; the client waits at most ``STOP_AUDIT_TIMEOUT_S`` for the record."""
+        """Stop, record the request meanwhile, then the outcome.
+
+        No frame waits for a record; the client waits at most ``STOP_AUDIT_TIMEOUT_S`` for that of the outcome.
+        """
         entry = _audit_entry(operation, params.model_dump(), actor)
+        # A task begins when the handler waits for the first time: its frames are queued then.
+        requested = asyncio.ensure_future(self._number_of_record(replace(entry, outcome="requested")))
         try:
             result = await handler(params, actor)
         except Exception as error:
-            await self._record_soon(_failed_entry(entry, error))
+            await self._record_soon(_failed_entry(entry, error), requested)
             raise
         except BaseException as error:
+            requested.cancel()  # where it has not begun: it would follow its outcome
             self._record_nowait(_failed_entry(entry, error))
             raise
-        await self._record_soon(_completed_entry(entry, result))
+        await self._record_soon(_completed_entry(entry, result), requested)
         return result
 
     async def _run_recorded(
@@ -225,9 +231,20 @@ class Dispatcher:
         except AuditUnavailable:
             self._record_nowait(entry)
 
-    async def _record_soon(self, entry: AuditEntry) -> None:
-        """Write the entry of a stop; a disk that hangs does not delay its result."""
-        await asyncio.wait([asyncio.ensure_future(self._record_after(entry))], timeout=STOP_AUDIT_TIMEOUT_S)
+    async def _number_of_record(self, entry: AuditEntry) -> int | None:
+        """Write an entry that has another one after it; return its number, None where the trail fails."""
+        try:
+            return await self._record(entry)
+        except AuditUnavailable:
+            return None
+
+    async def _record_soon(self, entry: AuditEntry, requested: Awaitable[int | None]) -> None:
+        """Write the entry of a stop after that of its request; a disk that hangs does not delay its result."""
+
+        async def write() -> None:
+            await self._record_after(replace(entry, of=await requested))
+
+        await asyncio.wait([asyncio.ensure_future(write())], timeout=STOP_AUDIT_TIMEOUT_S)
 
 
 def _audit_entry(

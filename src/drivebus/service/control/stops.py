@@ -12,9 +12,11 @@ from drivebus.errors import DrivebusError
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import error_to_json, outcome_json
 from drivebus.service.api.handlers import handles
+from drivebus.service.api.operations.drives import DRIVE_STOP
 from drivebus.service.api.operations.groups import GROUP_STOP, GroupParams
 from drivebus.service.api.operations.operation import NoParams
 from drivebus.service.api.operations.plant import PLANT_STOP
+from drivebus.service.audit import AuditEntry
 from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import OnServiceStop
 from drivebus.service.control.drive_commands import DriveCommands, repeated_stop
@@ -122,6 +124,8 @@ class StopCommands:
             started = [runtime for runtime in others if _stops_with_service(runtime)]
             plant.record_stop_request(*started, by=actor.name, kind="service")
             stops |= {runtime: asyncio.create_task(self._stop_one(runtime, actor, len(started))) for runtime in started}
+            for runtime in started:
+                self._record(runtime, actor, {"status": "requested"})
             awaited = any(other.awaits_first_read or other.drive.stopping for other in others)
             if all(task.done() for task in stops.values()) and not awaited:
                 break
@@ -131,6 +135,7 @@ class StopCommands:
         }
         for runtime in plant.drives.values():
             if runtime in stops:
+                self._record(runtime, actor, outcomes[runtime.id] or {})
                 continue
             if runtime.drive.stopping:
                 outcomes[runtime.id] = _unfinished(runtime)
@@ -140,6 +145,13 @@ class StopCommands:
             task.cancel()
         await asyncio.gather(*stops.values(), return_exceptions=True)
         return outcomes
+
+    def _record(self, runtime: DriveRuntime, actor: Actor, outcome: Json) -> None:
+        """Record a stop of the service that no operation requested. Never waits."""
+        status = str(outcome.get("status") or outcome.get("code") or "unknown")
+        frames = outcome.get("frames", ())
+        entry = AuditEntry.by(actor, DRIVE_STOP.name, target=runtime.id, outcome=status, frames=frames)
+        self.plant.audit.record_nowait(entry)
 
 
 def _stops_with_service(runtime: DriveRuntime) -> bool:

@@ -385,7 +385,7 @@ DRIVE_STOP = Operation(
     path="/drives/{drive}/stop",
     params=StopParams,
     response=OutcomeResponse,
-    audit=Audit.AFTER,
+    audit=Audit.MEANWHILE,
     summary=Text("Stop a drive; needs no lease", "停一台变频器；不需要控制权"),
 )
 
@@ -419,7 +419,7 @@ DRIVE_JOG_END = Operation(
     path="/drives/{drive}/jog/end",
     params=ActiveJogParams,
     response=OutcomeResponse,
-    audit=Audit.AFTER,
+    audit=Audit.MEANWHILE,
     summary=Text("End a jog", "结束点动"),
 )
 

@@ -120,6 +120,6 @@ GROUP_STOP = Operation(
     path="/groups/{group}/stop",
     params=GroupParams,
     response=OutcomesResponse,
-    audit=Audit.AFTER,
+    audit=Audit.MEANWHILE,
     summary=Text("Stop a group", "停一个组"),
 )

@@ -111,8 +111,8 @@ class Audit(StrEnum):
     """Before and after; where the trail cannot be written, the operation is refused."""
     BEST_EFFORT = "best_effort"
     """Before and after, but control goes on where the trail cannot be written."""
-    AFTER = "after"
-    """Only after: a stop waits for no record."""
+    MEANWHILE = "meanwhile"
+    """While it is sent, and after: a stop waits for no record."""
     SESSION = "session"
     """After, with its result: it opens or ends a session, also where the trail cannot be written."""
 
@@ -158,7 +158,7 @@ class Operation:
         if self.mutates and self.cancellable:
             raise ValueError(f"{self.name}: a command is not cancelled by a client that disconnects")
         if self.is_stop and self.right is not Right.STOP:
-            raise ValueError(f"{self.name}: only an operation of the right 'stop' is recorded after it is done")
+            raise ValueError(f"{self.name}: only an operation of the right 'stop' is sent without its record")
         if self.audit is Audit.SESSION and isinstance(self.right, Right):
             raise ValueError(f"{self.name}: an operation that needs a right is recorded before it is done")
         if self.moves_motors and (self.is_stop or not self.mutates):
@@ -172,7 +172,7 @@ class Operation:
     @property
     def is_stop(self) -> bool:
         """Whether it only ends motion: it needs no lease, and nothing is recorded before it."""
-        return self.audit is Audit.AFTER
+        return self.audit is Audit.MEANWHILE
 
     @property
     def yields(self) -> bool:

@@ -179,7 +179,7 @@ PLANT_STOP = Operation(
     method="POST",
     path="/stop",
     response=StopAllResponse,
-    audit=Audit.AFTER,
+    audit=Audit.MEANWHILE,
     summary=Text("Stop every drive on every bus", "停所有总线上的所有变频器"),
 )
 
