@@ -13,7 +13,7 @@ from drivebus.cli import output as text_layout
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.formatting import fault_text, format_reading, format_value, outcome_text, status_text
 from drivebus.cli.output import format_duration
-from drivebus.cli.scanning import ScanProgressBar, assumed_models_texts, print_scan
+from drivebus.cli.scan_output import ScanProgressBar, assumed_models_texts, print_scan
 from drivebus.commissioning.scan import DetectedDrive, ScanProgress, SniffResult
 from drivebus.drives.dialects.base import Identity
 from drivebus.drives.outcome import Outcome, OutcomeStatus

@@ -10,7 +10,8 @@ from click.testing import CliRunner
 
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
-from drivebus.cli.scanning import ScanRequest, announce_scan, print_scan
+from drivebus.cli.scan_output import announce_scan, print_scan
+from drivebus.cli.scanning import ScanRequest
 from drivebus.commissioning import scan
 from drivebus.errors import PortLost
 from drivebus.serial_settings import SerialSettings

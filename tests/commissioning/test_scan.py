@@ -15,7 +15,8 @@ from drivebus import ports, profiles
 from drivebus.bus import Bus
 from drivebus.cli import output
 from drivebus.cli.errors import ExitCode
-from drivebus.cli.scanning import ScanRequest, print_scan
+from drivebus.cli.scan_output import print_scan
+from drivebus.cli.scanning import ScanRequest
 from drivebus.commissioning import scan, scan_plan
 from drivebus.commissioning.scan import DetectedDrive, ScanProgress
 from drivebus.commissioning.scan_plan import ScanPass

@@ -15,14 +15,7 @@ from drivebus.cli import options, output
 from drivebus.cli.click_ext import Argument, CliCommand, Option
 from drivebus.cli.errors import ExitCode, print_error
 from drivebus.cli.prompts import confirm, prompt, prompt_text
-from drivebus.cli.scanning import (
-    ScanRequest,
-    fitting_drives,
-    listen_option,
-    search,
-    search_options,
-    select_alike,
-)
+from drivebus.cli.scanning import ScanRequest, fitting_drives, listen_option, search, search_options, select_alike
 from drivebus.cli.written_file import check_writable, file_errors, write_or_print
 from drivebus.types import Json
 from drivebus.values import parse_addresses

@@ -10,15 +10,8 @@ from drivebus.cli import options, output
 from drivebus.cli.click_ext import Option
 from drivebus.cli.drive_command import RemoteCommand, reject_local_options
 from drivebus.cli.errors import ExitCode
-from drivebus.cli.scanning import (
-    ScanRequest,
-    assumed_models_texts,
-    fitting_drives,
-    note_drives,
-    print_scan_plan,
-    search,
-    select_alike,
-)
+from drivebus.cli.scan_output import assumed_models_texts, note_drives, print_scan_plan
+from drivebus.cli.scanning import ScanRequest, fitting_drives, search, select_alike
 from drivebus.errors import ConfigurationError
 
 if TYPE_CHECKING:

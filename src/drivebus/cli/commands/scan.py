@@ -10,15 +10,8 @@ from drivebus.cli import options, output
 from drivebus.cli.click_ext import CliCommand, Option
 from drivebus.cli.connect import record_ports
 from drivebus.cli.errors import ExitCode, exit_code_of
-from drivebus.cli.scanning import (
-    ScanProgressBar,
-    ScanRequest,
-    announce_scan,
-    listen_option,
-    print_scan,
-    print_scan_plan,
-    search_options,
-)
+from drivebus.cli.scan_output import ScanProgressBar, announce_scan, print_scan, print_scan_plan
+from drivebus.cli.scanning import ScanRequest, listen_for_master, listen_option, search_options
 
 if TYPE_CHECKING:
     from drivebus.ports import Port
@@ -63,14 +56,10 @@ async def _run(
     sniffed = None
     with shutdown_signals() as shutdown:
         if listen_s > 0 and passes:
-            port = open_port(passes[0].settings)
-            output.print_note("scan.listening", seconds=f"{listen_s:g}")
-            sniffed = await shutdown.interruptible(scan.sniff(port, listen_s))
-        if sniffed is not None and sniffed.count:
-            output.print_note("scan.foreign", count=sniffed.count, seconds=f"{sniffed.seconds:g}")
-            if not force:
-                output.print_note("scan.foreign_end")
-                return print_scan(request.port, progress, sniffed, ExitCode.FAILED)
+            sniffed = await shutdown.interruptible(listen_for_master(open_port(passes[0].settings), listen_s))
+        if sniffed is not None and sniffed.count and not force:
+            output.print_note("scan.foreign_end")
+            return print_scan(request.port, progress, sniffed, ExitCode.FAILED)
         announce_scan(passes)
         try:
             with ScanProgressBar() as bar:
