@@ -125,12 +125,31 @@ def test_a_name_of_one_script_or_an_east_asian_one_with_latin_letters_is_accepte
     assert UserDatabase().with_user(User(name, Role.VIEWER, None, 1)).find(name) is not None
 
 
-def test_a_name_in_another_script_that_looks_like_an_existing_one_is_taken() -> None:
-    database = (
-        UserDatabase().with_user(User("acer", Role.VIEWER, None, 1)).with_user(User("сара", Role.VIEWER, None, 1))
-    )
-    with pytest.raises(Conflict):
-        database.with_user(User("capa", Role.VIEWER, None, 1))
+@pytest.mark.parametrize(
+    ("name", "alike"),
+    [
+        ("сара", "capa"),
+        ("հօո", "hon"),
+        ("ᏚᎪᎡᎪ".casefold(), "sara"),
+        ("οκ", "ок"),
+        ("๐", "०"),
+    ],
+    ids=["Cyrillic", "Armenian", "Cherokee", "Greek and Cyrillic", "Thai and Devanagari digits"],
+)
+def test_a_name_in_another_script_that_looks_like_an_existing_one_is_taken(name: str, alike: str) -> None:
+    for first, second in ((name, alike), (alike, name)):
+        database = UserDatabase().with_user(User("anna", Role.VIEWER, None, 1))
+        database = database.with_user(User(first, Role.VIEWER, None, 1))
+        with pytest.raises(Conflict) as rejected:
+            database.with_user(User(second, Role.VIEWER, None, 1))
+        assert rejected.value.key == "auth.name_taken"
+
+
+def test_names_that_only_resemble_each_other_in_one_script_are_both_accepted() -> None:
+    database = UserDatabase()
+    for name in ("user1", "userl", "rn", "m", "王伟", "玉伟", "สมชาย"):
+        database = database.with_user(User(name, Role.VIEWER, None, 1))
+    assert len(database.users) == 7
 
 
 @pytest.mark.parametrize("label", ["a\x1b[31m", "a\nb", "a\u202eb", "a\u200fb", "a\u200bb", " ", "\u3164"])

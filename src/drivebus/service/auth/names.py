@@ -1,9 +1,11 @@
-"""Names of users: which are permitted, and which look alike. Pure."""
+"""Names of users: which are permitted, and which look alike."""
 
 from __future__ import annotations
 
 import re
 import unicodedata
+from functools import cache
+from importlib.resources import files
 
 from drivebus.service.auth.actor import SERVICE_NAME
 from drivebus.service.auth.errors import InvalidInput
@@ -13,8 +15,6 @@ _EAST_ASIAN = frozenset(
     {"LATIN", "CJK", "HIRAGANA", "KATAKANA", "HANGUL", "BOPOMOFO", "IDEOGRAPHIC", "KATAKANA-HIRAGANA"}
 )
 """Scripts that one name may mix: East Asian names with Latin letters. No letter of one looks like one of another."""
-_LOOK_ALIKES = str.maketrans("аеорсухіјѕһԁԛԝӏκοναιρυ", "aeopcyxijshdqwlkovaipu")
-"""Cyrillic and Greek small letters that look like Latin ones."""
 
 
 def normalized_name(name: str) -> str:
@@ -24,7 +24,14 @@ def normalized_name(name: str) -> str:
 
 def appearance(name: str) -> str:
     """Return a text that is the same for names that look the same although their letters are of other scripts."""
-    return normalized_name(name).translate(_LOOK_ALIKES)
+    return normalized_name(name).translate(_look_alikes())
+
+
+@cache
+def _look_alikes() -> dict[int, str]:
+    """Return the letter in place of each that looks like it; ``look_alikes.txt`` names source and licence."""
+    lines = files("drivebus.service.auth").joinpath("look_alikes.txt").read_text(encoding="utf-8").splitlines()
+    return {ord(other): line[0] for line in lines if not line.startswith("#") for other in line[1:]}
 
 
 def check_user_name(name: str) -> None:
