@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 UNNAMED_SUBJECTS = ("told", "said", "heard", "wish", "wished", "whoever", "nobody", "somebody", "anew")
 METAPHORS = ("desk", "door", "ear", "voice", "witness", "witnesses")
 WORDS = frozenset((*UNNAMED_SUBJECTS, *METAPHORS))
-OPENINGS = re.compile(r"(?:One|What|Who|Whoever|Somebody|So many)\b(?!-)")
+OPENINGS = re.compile(r"(?:One|What|Who|Whoever|Somebody|So many|How|Why|When|Where)\b(?!-)")
 """Openings that hide the subject of a docstring: it begins with a noun phrase or an imperative."""
 FOLDERS = ("src", "tests", "verification", "benchmarks", "docs/generator", "examples")
 SUFFIXES = (".py", ".js", ".mjs", ".css", ".json", ".toml")
@@ -121,6 +121,7 @@ def test_no_name_and_no_first_sentence_has_one_of_the_words() -> None:
 
 def test_a_docstring_whose_opening_hides_its_subject_is_found() -> None:
     assert python_findings('class Bus:\n    """One bus. More."""') == {"One bus."}
+    assert python_findings('class Status:\n    """How a command ended."""') == {"How a command ended."}
     assert python_findings('class Secret:\n    """One-time secret."""') == set()
 
 

@@ -66,7 +66,7 @@ _NUMBERLESS_ERRORS = {TimeoutError: "timeout", ConnectionResetError: "closed"}
 
 
 class SystemReason:
-    """Why the operating system failed, as the parameter of a sentence: translated where its error number is known."""
+    """Reason of a failed system call, as the parameter of a sentence; translated where its error number is known."""
 
     def __init__(self, error: Exception) -> None:
         self._key = f"system.error_{_error_name(error)}"

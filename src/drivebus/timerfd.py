@@ -18,7 +18,7 @@ _TFD_TIMER_ABSTIME = 1
 
 
 class _ItimerSpec(ctypes.Structure):
-    """struct itimerspec: interval, then value, each seconds and nanoseconds."""
+    """C structure ``itimerspec``: interval, then value, each seconds and nanoseconds."""
 
     _fields_ = [(name, ctypes.c_long) for name in ("every_s", "every_ns", "at_s", "at_ns")]
 

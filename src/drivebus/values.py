@@ -164,7 +164,7 @@ def bilingual_text(key: str, /, **params: Any) -> Text:
 
 
 class Quality(StrEnum):
-    """How far a reading can be trusted; ``reason`` of the reading gives the cause."""
+    """Quality of a reading: good, uncertain or bad; ``reason`` of the reading gives the cause."""
 
     GOOD = "good"
     UNCERTAIN = "uncertain"

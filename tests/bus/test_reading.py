@@ -1,4 +1,4 @@
-"""When a bus reads: bytes wait in the kernel until a reply is probably complete, and none of them is overlooked."""
+"""Reading of a bus: bytes wait in the kernel until a reply is probably complete, and none of them is overlooked."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def test_a_reply_without_its_request_is_still_read_and_lists_what_it_may_be(vect
 
 @pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector.id)
 def test_a_frame_needs_neither_encoding_nor_direction(vector: Vector) -> None:
-    """Where bytes are both a request and its echo, they are called a request unless a request is given."""
+    """Bytes that are both a request and its echo are called a request unless a request is given."""
     asked = vector.request
     found = describe_frame(vector.model, vector.data, request=asked.data if asked else None)
     assert found.encoding == vector.encoding

@@ -1,4 +1,4 @@
-"""How Modbus models read and write: spaces, coils, numbers in two registers, and sync probes beside all of them."""
+"""Reads and writes of Modbus models: spaces, coils, numbers in two registers, and sync probes beside all of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a key stands in a file."""
+"""Lines of the keys of a TOML file."""
 
 from __future__ import annotations
 

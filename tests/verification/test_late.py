@@ -82,7 +82,7 @@ def test_a_bus_without_quarantine_and_sync_probe_is_found(
 
 @pytest.mark.parametrize("name", ["c320-ascii", "c320-hex", "dzb100"])
 def test_a_late_reply_with_the_same_item_is_found(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where the reply repeats the item, an older reply with the same item is still a wrong one."""
+    """An older reply with the same item is a wrong one, also where the reply repeats the item."""
     many_late_replies(monkeypatch)
     monkeypatch.setattr(Scheduler, "mark_suspect", never_suspect)
     variant = VARIANTS_BY_NAME[name]

@@ -13,7 +13,7 @@ from drivebus.errors import DriveError, DriveRejected, OutcomeUnknown, StopUncon
 
 
 class OutcomeStatus(StrEnum):
-    """How a command ended."""
+    """Status of an outcome: confirmed, acknowledged, refused, failed or unknown."""
 
     CONFIRMED = "confirmed"
     """A later verified read shows the effect."""

@@ -118,7 +118,7 @@ class DerivedState:
 
     @property
     def unknown_reason(self) -> Text:
-        """Why the state is unknown."""
+        """Reason why the state is unknown."""
         return bilingual_text(self.reason or "drives.disagree")
 
 

@@ -359,7 +359,7 @@ class DriveProfile:
 
     @property
     def jog_frequency(self) -> JogFrequency | None:
-        """Where the frequency of a jog comes from; None where the model can't jog."""
+        """Source of the frequency of a jog; None where the model can't jog."""
         return protocol_family(self.family).jog_frequency if "jog" in self.capabilities else None
 
     @property

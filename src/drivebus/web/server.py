@@ -52,7 +52,7 @@ def listen_host(web: WebConfig, auth: AuthService) -> str:
 
 
 class EmbeddedServer(uvicorn.Server):
-    """uvicorn without its signal handlers, which would raise SIGTERM again and skip every ``finally``.
+    """Server of uvicorn without its signal handlers, which would raise SIGTERM again and skip every ``finally``.
 
     It limits the time of a TLS handshake, which uvicorn leaves at a minute.
     """

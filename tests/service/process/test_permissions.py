@@ -49,7 +49,7 @@ def test_a_directory_of_another_user_is_refused_and_a_file_of_root_is_not(
 
 
 def test_a_group_of_one_user_may_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where each user has a group of his own, files are made with mode 664."""
+    """Files are made with mode 664 where each user has a group of his own."""
     tmp_path.chmod(0o770)
     members: list[str] = []
     user = SimpleNamespace(pw_name="li", pw_gid=tmp_path.stat().st_gid)

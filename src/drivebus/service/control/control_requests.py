@@ -107,7 +107,7 @@ class ControlRequests:
         self.end(request, "withdrawn", now)
 
     def end_session(self, session: str, now: float) -> None:
-        """End the open requests of a session that has ended: nobody is there to take what is granted."""
+        """End the open requests of a session that has ended: it could not use what is granted."""
         for request in tuple(self._requests.values()):
             if request.is_open and request.actor.session == session:
                 self.end(request, "withdrawn", now)

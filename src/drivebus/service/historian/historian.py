@@ -116,7 +116,7 @@ class Historian:
 
     @property
     def problem(self) -> Text | None:
-        """Why the last batch could not be written."""
+        """Reason why the last batch could not be written; None where it was."""
         return self.writer.problem
 
     def status(self) -> Json:

@@ -88,7 +88,7 @@ class DriveRuntime:
         self.state_was_known = False
         """Its state was known at least once since this service started."""
         self.last_known_turning = False
-        """Its motor turned when its state was known last, whoever started it."""
+        """Its motor turned when its state was known last, by whichever start."""
         self.reported_unusable_reply = False
         """Whether an event of its absence has named the invalid replies that it sends."""
         self.reported_presence: Presence | None = None

@@ -82,7 +82,7 @@ class BusesResponse(ApiObject):
 
 
 class FrameErrorObject(ApiObject):
-    """Why a frame was rejected."""
+    """Reason for the rejection of a frame."""
 
     code: str
     text: LocalizedText

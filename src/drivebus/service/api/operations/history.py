@@ -101,7 +101,7 @@ class TagsResponse(ApiObject):
 
 
 class TrendSeriesObject(ApiObject):
-    """At most 1,000 points; null is a gap. ``q``: 0 good, 1 uncertain, 2 bad."""
+    """Series of one tag: at most 1,000 points; null is a gap. ``q``: 0 good, 1 uncertain, 2 bad."""
 
     t: list[int]
     min: list[float | None]

@@ -103,7 +103,7 @@ class PageResponse(ApiObject, Generic[Item]):
 
 
 class Audit(StrEnum):
-    """When an operation is written into the audit trail."""
+    """Audit policy of an operation: when it is written into the audit trail."""
 
     NONE = "none"
     """Never: it changes nothing."""

@@ -41,7 +41,7 @@ const SetUpForm = () => html`<${Form} title=${t("page.set_up")} submit=${t("page
   fields=${[["secret", "off"], ["name", "username"]]} isNew
   send=${({ secret, name, password }) => setUp(secret.trim(), name, password)} />`;
 
-/** The users' file of this plant is gone: nobody can log in, and nothing can be set up. */
+/** The users' file of this plant is gone: no login and no set-up is possible. */
 const UsersMissing = () => html`<div class="login"><h1>${t("page.log_in")}</h1>
   <${Notice} kind="bad"><span data-text="users-missing">${localized(session.value.users_missing)}</span><//></div>`;
 
