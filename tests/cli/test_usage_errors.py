@@ -19,7 +19,7 @@ from drivebus.cli import errors, extras, output
 from drivebus.cli.main import cli
 from drivebus.drives.permissives import CommandKind
 from drivebus.drives.state import DriveState
-from drivebus.errors import DrivebusError, StartInhibited, StopUnconfirmed
+from drivebus.errors import DrivebusError, EchoError, NoReply, ProtocolError, StartInhibited, StopUnconfirmed
 from drivebus.service.auth.errors import AccessDenied
 from drivebus.service.auth.rights import Right
 from fixtures.service import SHOP_FILE
@@ -120,6 +120,16 @@ def test_bytes_that_are_no_reply_are_answered_with_the_remedy_that_a_stop_promis
     assert result.exit_code == exit_code, result.output
     hint = json.loads(result.stdout)["error"]["hint"]
     assert hint == i18n.text("hint.damaged_reply") and hint in result.stderr.replace("\n", " ")
+
+
+@pytest.mark.parametrize("kind", ProtocolError.__subclasses__())
+def test_every_reply_that_is_not_accepted_has_a_remedy(kind: type[ProtocolError]) -> None:
+    """A C320 that answered each read with d.1 had none, which an unconfirmed stop promises of ``status``."""
+    hint = errors.error_hint(kind("protocols.sunfar.echo.item", expected=0, found=1))
+    assert hint is not None and ("not one to this request" in hint) == (kind is EchoError)
+    withheld = NoReply("bus.suspect", station=1)
+    withheld.__cause__ = kind("protocols.sunfar.echo.item", expected=0, found=1)
+    assert errors.error_hint(withheld) is not None
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])

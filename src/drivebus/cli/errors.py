@@ -18,8 +18,10 @@ from drivebus.errors import (
     AddressError,
     AlphabetError,
     ChecksumError,
+    CodeError,
     ConfigurationError,
     DrivebusError,
+    EchoError,
     HeaderError,
     LengthError,
     OutcomeUnknown,
@@ -27,6 +29,7 @@ from drivebus.errors import (
     StopUnconfirmed,
     SystemReason,
     TerminatorError,
+    TrailingError,
 )
 from drivebus.values import half_width
 
@@ -70,7 +73,16 @@ _SHARED_HINTS = {
     "plant.waiver_of_another": "plant.waiver_needed",
 }
 """Errors with the same remedy as another one."""
-_DAMAGED_REPLIES = (AddressError, AlphabetError, ChecksumError, HeaderError, LengthError, TerminatorError)
+_DAMAGED_REPLIES = (
+    AddressError,
+    AlphabetError,
+    ChecksumError,
+    CodeError,
+    HeaderError,
+    LengthError,
+    TerminatorError,
+    TrailingError,
+)
 """Errors of bytes that are no valid reply; the remedy does not depend on which byte it is."""
 
 
@@ -145,6 +157,8 @@ def error_hint(error: DrivebusError) -> str | None:
         own = next(filter(None, (_HINTS_OF_VALUES.get((one.key, str(value))) for value in one.params.values())), None)
         if i18n.known(key := own or f"hint.{_SHARED_HINTS.get(one.key, one.key)}"):
             return output.text(key, **one.params)
+    if any(isinstance(one, EchoError) for one in (error, cause)):
+        return output.text("hint.reply_to_another_request")
     is_damaged = any(isinstance(one, _DAMAGED_REPLIES) for one in (error, cause))
     return output.text("hint.damaged_reply") if is_damaged else None
 
