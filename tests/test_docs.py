@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import inspect
+import json
 import re
 import shutil
 import subprocess
@@ -53,6 +55,20 @@ def test_a_page_out_of_date_is_reported_with_an_exit_code(
     assert capsys.readouterr().out.startswith("README.md: out of date")
     assert generate.main([]) == 0
     assert page.read_text(encoding="utf-8") == up_to_date
+
+
+def test_the_list_of_components_has_every_pinned_package_and_every_file_of_the_page() -> None:
+    listed = json.loads((ROOT / "docs" / "security" / "sbom.cdx.json").read_text(encoding="utf-8"))["components"]
+    requirements = (ROOT / "requirements" / "base.txt").read_text(encoding="utf-8").splitlines()
+    pinned = {line.split()[0] for line in requirements if line[:1].isalnum()}
+    assert len(pinned) > 30
+    python = {f"{each['name']}=={each['version']}" for each in listed if each["purl"].startswith("pkg:pypi/")}
+    assert python == pinned
+    vendored = ROOT / "src" / "drivebus" / "web" / "vendor"
+    hashes = {each["hashes"][0]["content"] for each in listed if each["purl"].startswith("pkg:npm/")}
+    files = [*vendored.glob("*.js"), *vendored.glob("*.css")]
+    assert len(files) == 7
+    assert hashes == {hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
 
 
 def test_every_model_has_its_page_in_both_languages_and_no_page_is_left_over() -> None:

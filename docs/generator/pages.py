@@ -12,6 +12,7 @@ from generator import (
     bus_load,
     cli_reference,
     command_collisions,
+    components,
     drives,
     error_reference,
     fault_matrix,
@@ -42,11 +43,15 @@ PROFILE_PARTS: dict[str, Callable[[profiles.DriveProfile, str], str]] = {
 
 
 def generated_pages(root: Path) -> Iterator[tuple[Path, str]]:
-    """Yield every page with generated parts and its up-to-date text, in which each id links to its definition."""
+    """Yield every page with generated parts and its up-to-date text, in which each id links to its definition.
+
+    The list of components is the last.
+    """
     for language in LANGUAGES:
         definitions = ids.definitions(root, language)
         for page, text in _filled_pages(root, language):
             yield page, ids.link_ids(text, page, definitions)
+    yield root / components.FILE, components.page(root)
 
 
 def _filled_pages(root: Path, language: str) -> Iterator[tuple[Path, str]]:
