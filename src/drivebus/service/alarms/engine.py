@@ -10,7 +10,7 @@ may be set at any time.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from drivebus.errors import NotFound
@@ -23,66 +23,13 @@ from drivebus.service.alarms.model import (
     SystemAlarm,
 )
 from drivebus.service.alarms.occurrences import AlarmOccurrences
+from drivebus.service.alarms.shelf import NOT_SHELVED, AlarmShelf, Shelving
 from drivebus.service.alarms.texts import configured_alarm, system_alarm
 from drivebus.service.auth.actor import SERVICE_NAME
 from drivebus.service.config.model import AlarmConfig, AlarmKind, AlarmPriority, DriveConfig, title_of
 from drivebus.service.live.views import DriveView
 from drivebus.types import Json
 from drivebus.values import Text
-
-MAX_SHELVED_MS = 86_400_000
-"""After a restart an alarm stays shelved for a day at most, even if the wall clock was set in between."""
-
-
-@dataclass(frozen=True, slots=True)
-class Shelving:
-    """End of a shelving, the user who shelved, and the reason that the user gave."""
-
-    until_ms: int | None = None
-    by: str | None = None
-    reason: str | None = None
-
-    @property
-    def alarm_fields(self) -> dict[str, Any]:
-        return {"shelved_until_ms": self.until_ms, "shelved_by": self.by, "shelved_reason": self.reason}
-
-
-NOT_SHELVED = Shelving()
-
-
-class AlarmShelf:
-    """Shelved alarm keys with the monotonic second of their end."""
-
-    def __init__(self) -> None:
-        self._until: dict[AlarmKey, tuple[float, Shelving]] = {}
-
-    def shelve(self, key: AlarmKey, minutes: int, shelving: Shelving, now: float) -> None:
-        """Shelve a key for ``minutes``."""
-        self._until[key] = (now + minutes * 60.0, shelving)
-
-    def restore(self, alarm: Alarm, now: float, now_ms: int) -> None:
-        """Shelve an alarm of an earlier run for the rest of its time, as far as the wall clock shows."""
-        if alarm.shelved_until_ms is not None:
-            left_ms = min(max(0, alarm.shelved_until_ms - now_ms), MAX_SHELVED_MS)
-            shelving = Shelving(alarm.shelved_until_ms, alarm.shelved_by, alarm.shelved_reason)
-            self._until[alarm.key] = (now + left_ms / 1000, shelving)
-
-    def shelving(self, key: AlarmKey) -> Shelving:
-        shelved = self._until.get(key)
-        return NOT_SHELVED if shelved is None else shelved[1]
-
-    def expired(self, now: float) -> list[AlarmKey]:
-        """Return the keys whose time has ended."""
-        return [key for key, (until, _) in self._until.items() if now >= until]
-
-    def of_drives(self, drives: Collection[str]) -> list[AlarmKey]:
-        """Return the shelved keys of these drives."""
-        return [key for key in self._until if key[2] in drives]
-
-    def remove(self, key: AlarmKey) -> None:
-        """Remove a key. Idempotent."""
-        self._until.pop(key, None)
-
 
 DEFAULT_ALARMS = (
     AlarmConfig(id="fault", kind=AlarmKind.FAULT, drives=(), priority=AlarmPriority.CRITICAL),
@@ -117,7 +64,7 @@ class AlarmEngine:
         self._alarms: dict[str, Alarm] = {}
         self._uncleared: dict[AlarmKey, str] = {}
         self._occurrences = AlarmOccurrences()
-        self._shelves = AlarmShelf()
+        self._shelf = AlarmShelf()
         self._conditions: dict[str, list[AlarmCondition]] = {}
         self._titles: dict[str, Text] = {}
         for alarm in alarms:
@@ -138,7 +85,7 @@ class AlarmEngine:
 
         So are those of a replaced drive, and they are unshelved: another motor raises its own, also of the same fault.
         """
-        cleared = [change for key in self._shelves.of_drives(replaced_drives) for change in self._unshelve(key)]
+        cleared = [change for key in self._shelf.of_drives(replaced_drives) for change in self._unshelve(key)]
         cleared += self._clear_where(lambda alarm: alarm.drive in replaced_drives, now_ms)
         for alarm in [one for one in self._alarms.values() if one.drive in replaced_drives]:
             self._update("replaced", alarm, drive_replaced=True)  # in the log, so that it outlives a restart
@@ -174,7 +121,7 @@ class AlarmEngine:
 
         So is an older one of the same key, whose end is missing in a damaged log: nothing else would ever clear it.
         """
-        self._shelves.restore(alarm, now, now_ms)
+        self._shelf.restore(alarm, now, now_ms)
         if alarm.cleared_ms is None:
             self._clear(alarm.key, now_ms)
         earlier = self.find(alarm.first_id)
@@ -211,7 +158,7 @@ class AlarmEngine:
 
     def expire_shelves(self, now: float) -> list[AlarmChange]:
         """Unshelve alarms whose time has ended; call it about once a second."""
-        return [change for key in self._shelves.expired(now) for change in self._unshelve(key)]
+        return [change for key in self._shelf.expired(now) for change in self._unshelve(key)]
 
     def raise_alarm(
         self,
@@ -256,7 +203,7 @@ class AlarmEngine:
         self._occurrences.remove_excess(MAX_OCCURRENCE_IDS)
         self._uncleared[alarm.key] = alarm.id
         forgotten = self._acknowledge_excess(alarm)
-        return [*forgotten, self._update("raised", alarm, **self._shelves.shelving(alarm.key).alarm_fields)]
+        return [*forgotten, self._update("raised", alarm, **self._shelf.shelving(alarm.key).alarm_fields)]
 
     def _repeat(self, earlier: Alarm, alarm: Alarm) -> Alarm:
         """Let an occurrence take the place of a cleared one; return it with their count."""
@@ -284,7 +231,7 @@ class AlarmEngine:
         """Shelve every alarm of the same key for ``minutes``; its condition stays active. Raises NotFound."""
         alarm = self._get(id)
         shelving = Shelving(now_ms + minutes * 60_000, by, reason)
-        self._shelves.shelve(alarm.key, minutes, shelving, now)
+        self._shelf.shelve(alarm.key, minutes, shelving, now)
         return [self._update("shelved", one, **shelving.alarm_fields) for one in self._with_key(alarm.key)]
 
     def unshelve(self, id: str) -> list[AlarmChange]:
@@ -297,7 +244,7 @@ class AlarmEngine:
         return [] if alarm is None else [self._update("incident", alarm, incident=incident)]
 
     def _unshelve(self, key: AlarmKey) -> list[AlarmChange]:
-        self._shelves.remove(key)
+        self._shelf.remove(key)
         shelved = [one for one in self._with_key(key) if one.shelved_until_ms is not None]
         return [self._update("unshelved", one, **NOT_SHELVED.alarm_fields) for one in shelved]
 
