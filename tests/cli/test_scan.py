@@ -16,7 +16,7 @@ from drivebus.commissioning import scan
 from drivebus.errors import PortLost
 from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.port import clear_simulated_buses
-from drivebus.values import parse_addresses
+from drivebus.user_input import parse_addresses
 
 WORDS = ("scan", "sim://vc660@3", "--models", "vc660", "--addresses", "3", "--listen-seconds", "0", "--lang", "en")
 

@@ -9,7 +9,7 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import output
-from drivebus.values import parse_boolean
+from drivebus.user_input import parse_boolean
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus

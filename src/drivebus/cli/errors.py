@@ -31,7 +31,7 @@ from drivebus.errors import (
     TerminatorError,
     TrailingError,
 )
-from drivebus.values import half_width
+from drivebus.user_input import half_width
 
 _TEXT_CHARACTER = re.compile(r"[\s一-鿿]")
 """Blank or Chinese character: a reason or a file name may have one, an option, a number or a port URL has none."""

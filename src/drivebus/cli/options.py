@@ -12,7 +12,7 @@ from click.shell_completion import CompletionItem
 
 from drivebus.cli import output
 from drivebus.cli.click_ext import Argument, Choice, Option
-from drivebus.values import HIGHEST_ADDRESS, half_width, parse_addresses, parse_decimal
+from drivebus.user_input import HIGHEST_ADDRESS, half_width, parse_addresses, parse_decimal
 
 if TYPE_CHECKING:
     _Type = click.ParamType[Any]

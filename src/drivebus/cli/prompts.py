@@ -7,7 +7,7 @@ import re
 import click
 
 from drivebus.cli import output
-from drivebus.values import YES_WORDS, half_width
+from drivebus.user_input import YES_WORDS, half_width
 
 _CHINESE = re.compile("[一-鿿]")
 _NO = frozenset({"", "n", "no", "否"})

@@ -11,7 +11,7 @@ from drivebus.cli import output
 from drivebus.cli.errors import ExitCode, error_hint, error_json, error_text, print_error
 from drivebus.cli.output import ProgressBar, format_duration
 from drivebus.types import Json
-from drivebus.values import format_addresses
+from drivebus.user_input import format_addresses
 
 if TYPE_CHECKING:
     from drivebus.commissioning.scan import DetectedDrive, ScanProgress, SniffResult

@@ -19,7 +19,8 @@ from drivebus.bus.messages import BusRequest
 from drivebus.drives import Drive
 from drivebus.drives.outcome import Outcome
 from drivebus.errors import DrivebusError, StopUnconfirmed
-from drivebus.values import YES_WORDS, Text
+from drivebus.user_input import YES_WORDS
+from drivebus.values import Text
 
 T = TypeVar("T")
 StepOutcome = tuple[bool | None, dict[str, Any]]

@@ -17,7 +17,7 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 from drivebus.errors import PortUrlError
 from drivebus.serial_settings import SerialSettings
 from drivebus.types import EchoSetting
-from drivebus.values import half_width, parse_boolean, parse_decimal
+from drivebus.user_input import half_width, parse_boolean, parse_decimal
 
 DEFAULT_SETTINGS = SerialSettings(9600)  # the factory setting of most models
 NETWORK_SCHEMES = frozenset({"tcp", "rfc2217"})

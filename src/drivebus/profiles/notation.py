@@ -12,7 +12,8 @@ from drivebus.errors import LimitError, ProfileError
 from drivebus.profiles.diagnostics import nearest_names
 from drivebus.profiles.model import DriveProfile, NotationRule, Parameter, Signal
 from drivebus.protocols.family import Locator, NotationStyle, protocol_family
-from drivebus.values import bilingual_text, parse_decimal, parse_hex_word
+from drivebus.user_input import parse_decimal, parse_hex_word
+from drivebus.values import bilingual_text
 
 _LEADING_ZERO = re.compile(r"0[0-9]+", re.ASCII)
 _GROUP_AND_ITEM = re.compile(r"F([0-9]{1,2})[.\-]([0-9]{1,3})", re.ASCII)

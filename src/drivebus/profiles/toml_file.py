@@ -14,7 +14,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from drivebus.profiles.diagnostics import Issue, issue
-from drivebus.values import bilingual_text, half_width
+from drivebus.user_input import half_width
+from drivebus.values import bilingual_text
 
 MAX_TOML_BYTES: Final = 1_000_000  # a profile or plant.toml has some kilobytes
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from drivebus.errors import ConfigurationError
-from drivebus.values import parse_decimal
+from drivebus.user_input import parse_decimal
 
 NAMED_QUALITIES: Mapping[str, Mapping[str, Any]] = {
     "clean": {},

@@ -31,7 +31,7 @@ from drivebus.commissioning.acceptance import (
 )
 from drivebus.errors import StopUnconfirmed
 from drivebus.service.process.module_command import module_command
-from drivebus.values import normalize_answer
+from drivebus.user_input import normalize_answer
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus

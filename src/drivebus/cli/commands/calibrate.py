@@ -14,7 +14,7 @@ from drivebus.cli.click_ext import CliCommand
 from drivebus.cli.connect import Target
 from drivebus.cli.drive_command import must_stop_after, pop_target, print_outcome
 from drivebus.cli.errors import ExitCode
-from drivebus.values import normalize_answer
+from drivebus.user_input import normalize_answer
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus

@@ -18,7 +18,7 @@ from drivebus.cli.prompts import confirm, prompt, prompt_text
 from drivebus.cli.scanning import ScanRequest, fitting_drives, listen_option, search, search_options, select_alike
 from drivebus.cli.written_file import check_writable, file_errors, write_or_print
 from drivebus.types import Json
-from drivebus.values import parse_addresses
+from drivebus.user_input import parse_addresses
 
 if TYPE_CHECKING:
     from drivebus.commissioning.scan import DetectedDrive

@@ -15,7 +15,7 @@ from drivebus.cli.click_ext import Option
 from drivebus.cli.connect import Target
 from drivebus.cli.drive_command import drive_command, print_comm_loss
 from drivebus.cli.errors import ExitCode
-from drivebus.values import normalize_answer
+from drivebus.user_input import normalize_answer
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus

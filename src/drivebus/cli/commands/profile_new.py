@@ -12,7 +12,7 @@ from drivebus.cli.click_ext import Argument, CliCommand, Option
 from drivebus.cli.errors import ExitCode, print_error
 from drivebus.cli.prompts import prompt_text
 from drivebus.cli.written_file import check_writable, file_errors, write_or_print
-from drivebus.values import half_width
+from drivebus.user_input import half_width
 
 if TYPE_CHECKING:
     from drivebus.commissioning.new_profile.questions import Question

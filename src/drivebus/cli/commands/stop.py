@@ -36,7 +36,7 @@ from drivebus.cli.stop_result import (
 )
 from drivebus.errors import ConfigurationError, StopUnconfirmed
 from drivebus.types import Json
-from drivebus.values import format_addresses, parse_addresses
+from drivebus.user_input import format_addresses, parse_addresses
 
 if TYPE_CHECKING:
     from drivebus.drives import Drive, StopReport

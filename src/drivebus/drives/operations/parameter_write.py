@@ -10,7 +10,7 @@ from drivebus.errors import CapabilityError, ConfirmationRequired, LimitError
 from drivebus.profiles.model import DriveProfile, Parameter, Signal
 from drivebus.profiles.notation import find_entry, parse_number
 from drivebus.protocols.codec import Effect
-from drivebus.values import parse_hex_word
+from drivebus.user_input import parse_hex_word
 
 SERIAL_ROLES = frozenset({"baud", "format", "protocol"})
 """Roles of the parameters that decide with which serial settings a drive answers."""

@@ -34,7 +34,8 @@ from drivebus.errors import (
 )
 from drivebus.profiles.model import Parameter, Signal
 from drivebus.profiles.notation import find_entry
-from drivebus.values import Reading, Text, bilingual_text, missing_reading, parse_hex_word
+from drivebus.user_input import parse_hex_word
+from drivebus.values import Reading, Text, bilingual_text, missing_reading
 
 _WRITTEN_KEYS = frozenset(
     {

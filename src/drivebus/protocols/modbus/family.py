@@ -11,7 +11,7 @@ from drivebus.protocols.family import Locator, NotationStyle, ProtocolFamily
 from drivebus.protocols.modbus.ascii import START_MARK, ModbusAsciiCodec
 from drivebus.protocols.modbus.messages import ADDRESSES, BROADCAST
 from drivebus.protocols.modbus.rtu import ModbusRtuCodec
-from drivebus.values import HEX_WORD, parse_hex_word
+from drivebus.user_input import HEX_WORD, parse_hex_word
 
 _PARAMETER = re.compile(r"F([0-9]{1,2})[.\-]([0-9]{1,3})", re.ASCII)
 _DECIMAL = re.compile(r"[0-9]{1,5}", re.ASCII)

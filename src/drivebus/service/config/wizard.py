@@ -20,7 +20,7 @@ from drivebus.profiles.schema import StrictTable
 from drivebus.profiles.toml_file import TomlFault, decode_toml, line_of, toml_string
 from drivebus.service.config.load import CATALOGUE, config_error, unreadable_file_diagnostic
 from drivebus.service.config.schema import PLANT_FILE_FORMAT, ShortText
-from drivebus.values import parse_addresses
+from drivebus.user_input import parse_addresses
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from drivebus.errors import ConfigurationError
 from drivebus.protocols.family import protocol_families, resolve
 from drivebus.simulator.motor import Motor, MotorLoad
 from drivebus.simulator.station import SimulatedModel, SimulatedStation
-from drivebus.values import parse_addresses
+from drivebus.user_input import parse_addresses
 
 LOADS: Mapping[str, Callable[[], MotorLoad]] = {"constant": MotorLoad, "fan": MotorLoad.fan, "hoist": MotorLoad.hoist}
 
