@@ -105,3 +105,13 @@ def test_an_invalid_hexadecimal_digit_is_a_usage_error(text: str) -> None:
 def test_an_unknown_model_is_a_configuration_error() -> None:
     result = CliRunner().invoke(cli, ["decode", "--model", "c321", "2A"])
     assert result.exit_code == 2
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_label_of_a_fault_whose_text_has_it_stands_once(language: str) -> None:
+    """A C320 in fault had *fault  Fu.5* above *fault is  fault Fu.5: see the fault table of the C320 manual*."""
+    words = ("--model", "c320", "2A 30 33 30 32 30 30 30 35 30 30 30 30 30 32 34 41 0D", "--lang", language)
+    assert CliRunner().invoke(cli, ["decode", *words]).stdout.count("Fu.5") == 1
+    assert json.loads(CliRunner().invoke(cli, ["decode", *words, "--json"]).stdout)["fields"]["fault"] == "Fu.5"
+    e009 = ("--model", "dzb100", "51 03 06 30 31 30 33 30 30 30 31", "--lang", language)
+    assert "E009" in CliRunner().invoke(cli, ["decode", *e009]).stdout

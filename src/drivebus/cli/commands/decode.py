@@ -80,13 +80,17 @@ def description_json(model: str, data: bytes, description: FrameDescription) -> 
 def description_text(model: str, data: bytes, description: FrameDescription) -> str:
     """Format the explanation of a frame."""
     from drivebus.cli.output import two_columns
+    from drivebus.drives.state import names_fault_label
 
     verdict = output.text("decode.valid" if description.valid else "decode.invalid")
     way = output.text(f"decode.{description.direction}")
     lines = [output.text("decode.title", model=model, encoding=description.encoding, direction=way, verdict=verdict)]
     lines.append(f"  {output.to_json_value(data)}")
     if description.fields:
-        rows = [(field_label(name), field_text(name, value)) for name, value in description.fields.items()]
+        fields = {name: field_text(name, value) for name, value in description.fields.items()}
+        if "fault" in fields and names_fault_label(fields["fault_text"], fields["fault"]):
+            del fields["fault"]
+        rows = [(field_label(name), text) for name, text in fields.items()]
         lines += ["", two_columns(rows, output.page_cells())]
     for kind in ("problems", "errata", "hazards"):
         texts = [output.text(f"decode.{kind}", text=text) for text in _sentences(getattr(description, kind))]
