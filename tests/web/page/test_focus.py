@@ -40,6 +40,27 @@ def test_a_window_returns_the_focus_and_its_opener_looks_like_an_action(stage: S
     assert opener.evaluate("one => one === document.activeElement")
 
 
+def test_the_focus_stays_at_the_stop_bar_and_the_notices_whose_buttons_go(stage: Stage, visit: Any) -> None:
+    """Regression: after a stop result was dismissed, or its drives released, Tab began at the top of the page."""
+    page = visit("#/drive/pump-1")
+    page.locator("[data-do=take]").press("Enter")
+    page.wait_for_selector(".lease.own")
+    stage.call("lease.take", drive="pump-1")
+    page.locator(".takeovers .banner .button").press("Enter")
+    page.locator(".notices:focus").wait_for(state="attached")  # empty then, and without a size
+    stage.call("lease.release", drive="pump-1")
+    page.locator(".stop[data-stop=all]").press("Enter")
+    page.locator("[data-do=dismiss-stop]").press("Enter")
+    page.locator(".stopbar:focus").wait_for()
+    page.locator(".stopbar [data-select]").press("Enter")
+    page.locator("[data-do=selection]").press("Enter")
+    page.locator("dialog .notice").wait_for()
+    page.locator("dialog .row.end .button").press("Enter")
+    page.locator(".stopbar:focus").wait_for()
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.dataset.stop") == "drive"
+
+
 def test_a_press_beside_a_window_closes_it_only_while_nothing_was_typed(visit: Any) -> None:
     """A slip of the pointer lost a whole form."""
     page = visit("#/drive/fan-1")

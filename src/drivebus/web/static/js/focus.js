@@ -1,7 +1,7 @@
 // Keyboard focus stays near its place: where the focused element is removed or disabled, the nearest section that remains
 // takes the focus. The browser itself would give it to the body, and the next Tab would begin at the top of the page.
 
-const SECTIONS = "li, section, article, dialog, main";
+const SECTIONS = "li, section, article, dialog, main, footer, .notices";
 
 /** The focused element and the sections around it, nearest first. */
 let path = [];
