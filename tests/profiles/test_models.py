@@ -213,6 +213,14 @@ def test_vc660_status_word_has_its_reserved_bits() -> None:
     assert status.bits["running"] == 1 << 3 and status.bits["output_reverse"] == 1 << 15
 
 
+def test_vc660_has_the_factory_settings_of_its_manual() -> None:
+    """F01.00 had none. Its 0 is why a drive fresh from the box takes no command from the bus."""
+    manual = {"F00.01": 2, "F01.00": 0, "F06.02": 0, "F06.03": 0, "F06.04": 5, "F06.05": 0, "F06.06": 4, "F06.07": 0}
+    vc660 = profiles.load("vc660")
+    parameters = [*vc660.parameters.values(), *(one.parameter for one in vc660.unplaced.values())]
+    assert {one.notation: one.factory for one in parameters if one.factory is not None} == manual
+
+
 def test_vc660_status_registers_read_as_the_worked_example() -> None:
     """Vector vc660-status-response: 50.00 Hz, 39.98 Hz, 12.8 A."""
     signals = profiles.load("vc660").signals
