@@ -24,11 +24,10 @@ from drivebus.cli.demo.plant import PtyDemoPlant
 from drivebus.cli.main import cli
 from drivebus.cli.output import table, width, wrap
 from drivebus.cli.tui.app import MonitorApp
-from drivebus.cli.tui.bus_rows import drive_row
 from drivebus.cli.tui.bus_source import BusRowSource
 from drivebus.cli.tui.capture_source import CapturePlayer
 from drivebus.cli.tui.plain import drive_text
-from drivebus.cli.tui.rows import COLUMN_SIGNALS, BusRow, DriveRow
+from drivebus.cli.tui.rows import COLUMN_SIGNALS, BusRow, DriveRow, drive_row
 from drivebus.cli.tui.tables import CellTable, bus_cells, bus_columns, drive_cells, drive_columns
 from drivebus.cli.tui.threaded import ThreadedRowSource
 from drivebus.commissioning import scan

@@ -39,12 +39,12 @@ from drivebus.web.server import (
     ClosedConnectionsLog,
     EmbeddedServer,
     HttpServer,
-    TlsContext,
     bind_listener,
     is_loopback,
     listen_host,
     server_config,
 )
+from drivebus.web.tls import TlsContext
 from fixtures.web_app import PASSWORD, USERS, WebAppHarness
 
 

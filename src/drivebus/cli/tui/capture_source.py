@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from drivebus.capture.dbcap import BytesRecord, Capture
 from drivebus.cli import output
-from drivebus.cli.tui.bus_rows import RecordedDrive
-from drivebus.cli.tui.rows import BusRow, DriveRow
+from drivebus.cli.tui.rows import BusRow, DriveRow, drive_row
+from drivebus.drives.dialects.base import reported_fault
+from drivebus.drives.readings import ReadingPairs
+from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveStatus
 from drivebus.errors import ProtocolError
 from drivebus.protocols.codec import Incomplete
 
@@ -39,6 +41,49 @@ class BusActivity:
     def rate(self, now: float) -> float:
         since = max(0.0, now - STATISTICS_WINDOW_S)
         return sum(1 for at in self.reply_times if at >= since) / max(1e-9, now - since)
+
+
+class RecordedDrive:
+    """Drive of a capture: its state, derived from recorded replies by the library's own dialect."""
+
+    def __init__(self, dialect: Dialect, key: str, name: str, bus_name: str) -> None:
+        self.dialect = dialect
+        self.key, self.name, self.bus_name = key, name, bus_name
+        self._readings = ReadingPairs()
+        self._state: DerivedState = STATE_NOT_READ
+        self._received_at: float | None = None
+
+    def on_reply(self, request: Any, reply: Any, at: float | None) -> None:
+        """Add the values of one reply; a rejection contains none."""
+        if self.dialect.rejection(reply) is not None:
+            return
+        self._received_at = at
+        self._readings.add(self.dialect.decode_readings(request, reply, at))
+        if self.dialect.reports_run_state:
+            self._state = self.dialect.derive_state(self._readings) or self._state
+
+    def row(self, presence: str) -> DriveRow:
+        """Return the row of the latest values."""
+        profile, state = self.dialect.profile, self._state
+        fault = reported_fault(profile, state)
+        readings = {name: reading for name, reading in self._readings.latest.items() if name in profile.signals}
+        status = DriveStatus(
+            state=state.state,
+            direction=state.direction,
+            fault=fault,
+            readings=readings,
+            reason=state.reason,
+            at=self._received_at,
+        )
+        return drive_row(
+            status,
+            key=self.key,
+            name=self.name,
+            bus=self.bus_name,
+            model=profile.model,
+            address=self.dialect.address,
+            presence=presence,
+        )
 
 
 class CapturePlayer:

@@ -120,6 +120,29 @@ class DriveRow:
         }
 
 
+def drive_row(
+    status: DriveStatus, *, key: str, name: str, bus: str, model: str, address: int, presence: str
+) -> DriveRow:
+    """Return the row of a drive status."""
+    times = [reading.source_time for reading in status.readings.values() if reading.source_time is not None]
+    fault = status.fault
+    return DriveRow(
+        key=key,
+        name=name,
+        bus=bus,
+        model=model,
+        address=address,
+        state=str(status.state),
+        direction=str(status.direction) if status.direction else None,
+        fault_label=fault.label if fault else "",
+        fault_text=output.to_json_value(fault.text) if fault else "",
+        reason=unknown_reason(status, presence),
+        readings=status.readings,
+        presence=presence,
+        oldest_value_at=min(times) if times else status.at,
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusRow:
     """State and statistics of one bus at one moment."""

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from drivebus import i18n
 from drivebus.drives.state import DriveStatus
-from drivebus.errors import ConfigurationError, DrivebusError
+from drivebus.errors import ConfigurationError
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import failure_reason, localized
 from drivebus.service.audit.chain import AUDIT_FILE
@@ -27,6 +27,7 @@ from drivebus.service.live.publisher import LivePublisher
 from drivebus.service.process.permissions import certificate_problems
 from drivebus.service.process.systemd import SystemdNotifier
 from drivebus.service.runtime.bus import BusRuntime
+from drivebus.service.runtime.comm_loss_reads import CommLossReads
 from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.drive_reports import report_fault, report_motion, report_other_speed, report_presence
 from drivebus.service.runtime.failure_log import failure_logged
@@ -42,9 +43,6 @@ BUS_VIEW_CYCLES = 4  # buses are published once a second
 DISK_CHECK_CYCLES = 40  # free space and certificates are read every ten seconds
 STORAGE_CHECK_CYCLES = 20  # files written in the background are checked every five seconds
 Step = Callable[[], None]
-COMM_LOSS_READ_INTERVAL_S = 3600.0  # the behaviour at communication loss is read again; it costs bus time
-COMM_LOSS_RETRY_S = 60.0  # it was never read: the last read failed
-COMM_LOSS_REREAD_S = 2.0  # a parameter was written since
 LOG = logging.getLogger("drivebus.service")
 
 
@@ -75,7 +73,7 @@ class SupervisionCycle:
             alarm.subject for alarm in plant.alarms.active() if alarm.kind == SystemAlarm.CERTIFICATE_EXPIRY
         }
         self._exposed: set[str] = set()  # sentences about files that other users can read or replace
-        self._comm_loss_reads: set[asyncio.Task[None]] = set()
+        self._comm_loss_reads = CommLossReads(plant)
 
     async def run(self) -> None:
         """Run until cancelled. A step that fails is logged; the others go on, because a motor may be turning."""
@@ -189,7 +187,7 @@ class SupervisionCycle:
             lambda: self._follow_motion(runtime, status),
             lambda: report_other_speed(plant, runtime, status),
             lambda: plant.publish_alarms(plant.alarms.observe(view, plant.now(), plant.wall_ms())),
-            lambda: self._schedule_comm_loss_read(runtime, plant.now()),
+            lambda: self._comm_loss_reads.schedule(runtime),
         ):
             self._run_step(step)
 
@@ -218,36 +216,12 @@ class SupervisionCycle:
         else:
             plant.clear_alarm(SystemAlarm.FOREIGN_MASTER, subject=bus)
 
-    # --- communication loss ------------------------------------------------------------------------------------
-
-    def _schedule_comm_loss_read(self, runtime: DriveRuntime, now: float) -> None:
-        """Read a drive's behaviour at communication loss: once it is online, after writes, and each hour."""
-        if not runtime.is_online or runtime.monitor is None:
-            return
-        requested_at = runtime.comm_loss.requested_at
-        wait_s = COMM_LOSS_READ_INTERVAL_S if runtime.comm_loss.read_at is not None else COMM_LOSS_RETRY_S
-        wait_s = COMM_LOSS_REREAD_S if runtime.comm_loss.is_stale else wait_s
-        if requested_at is not None and now - requested_at < wait_s:
-            return
-        runtime.comm_loss.requested_at = now
-        task = asyncio.create_task(self._read_comm_loss(runtime), name=f"communication loss {runtime.id}")
-        self._comm_loss_reads.add(task)
-        task.add_done_callback(self._comm_loss_reads.discard)
-
-    async def _read_comm_loss(self, runtime: DriveRuntime) -> None:
-        writes_before = runtime.comm_loss.write_count
-        try:
-            report = await runtime.drive.comm_loss_behaviour()
-        except (DrivebusError, KeyError):
-            return
-        runtime.comm_loss.set_read(report, runtime.profile.comm_loss, self._plant.now(), writes_before)
-
     async def close(self) -> None:
         """Cancel the reads that are under way."""
-        tasks = [*self._comm_loss_reads, *([self._disk_task] if self._disk_task is not None else [])]
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await self._comm_loss_reads.close()
+        if self._disk_task is not None:
+            self._disk_task.cancel()
+            await asyncio.gather(self._disk_task, return_exceptions=True)
 
 
 def _disk_space(directory: Path) -> Json:
