@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import math
 import random
 import re
+import shutil
+import sqlite3
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from drivebus.errors import InvalidParameters, NotFound
+from drivebus.errors import InvalidParameters, NotFound, ServiceUnavailable
 from drivebus.service.api.operations.history import TimeRangeParams, TrendParams
 from drivebus.service.api.paging import encode_cursor
 from drivebus.service.config.model import HistoryConfig
@@ -267,6 +271,36 @@ async def test_a_copy_made_while_the_service_writes_is_whole(tmp_path: Path) -> 
         await historian.flush()
     async with Historian(HistoryConfig(), copy) as restored:
         assert (await trend(restored, NOON_MS, NOON_MS + 200_000))["mean"] == [*range(100), None]
+
+
+@pytest.mark.skipif(shutil.which("sqlite3") is None, reason="the program sqlite3 is not installed")
+async def test_what_can_be_read_of_a_damaged_file_is_saved_by_the_command_on_the_page(tmp_path: Path) -> None:
+    """The other pages of the file are read; docs/how-to/back-up-the-history.md has the command."""
+    page = (Path(__file__).parents[3] / "docs" / "how-to" / "back-up-the-history.md").read_text(encoding="utf-8")
+    (command,) = re.findall(r"^sqlite3 history.db .dump .*$", page, re.MULTILINE)
+    values = [math.sin(n) for n in range(40_000)]
+    async with Historian(HistoryConfig(), tmp_path) as historian:
+        historian.append(samples(values))
+        await compact_all(historian)
+    damaged = tmp_path / "history.db"
+    content = bytearray(damaged.read_bytes())
+    with contextlib.closing(sqlite3.connect(damaged)) as connection:
+        block = connection.execute("SELECT data FROM block WHERE level = 0 ORDER BY start_ms").fetchone()[0]
+    page_of_block = content.index(block[-64:]) // 4096 * 4096
+    content[page_of_block : page_of_block + 4096] = bytes(range(256)) * 16
+    damaged.write_bytes(content)
+    await asyncio.to_thread(subprocess.run, command, shell=True, cwd=tmp_path, check=True)
+    damaged.unlink()
+    (tmp_path / "salvaged.db").rename(damaged)
+    async with Historian(HistoryConfig(), tmp_path) as restored:
+        assert restored.ok
+        with pytest.raises(ServiceUnavailable, match=f"block 0 1 {NOON_MS}"):
+            await trend(restored, NOON_MS, NOON_MS + 5000)
+        later = await trend(restored, NOON_MS + 5 * HOUR, NOON_MS + 5 * HOUR + 2999)
+        assert later["mean"] == pytest.approx(values[18_000:18_003], abs=1e-6)
+        restored.append(samples([7.0], start_ms=NOON_MS + 24 * HOUR))
+        await restored.flush()
+        assert (await trend(restored, NOON_MS + 24 * HOUR, NOON_MS + 24 * HOUR + 999))["mean"] == [7.0]
 
 
 async def test_after_a_regular_end_one_file_is_the_whole_history(tmp_path: Path) -> None:
