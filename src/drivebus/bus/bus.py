@@ -400,17 +400,18 @@ class Bus:
             self._executing += commands
             self._send_frames(commands)
             return
-        self._executing = commands
-        try:
-            self._send_frames(tuple(commands))
-            for command in commands:
-                if type(command) is DeliverResult:
-                    self._deliver(command)
-                elif type(command) is EmitTrace:
-                    for sink in tuple(self._trace_sinks):
-                        self._notify(sink, command.event)
-        finally:
-            self._executing = None
+        if commands:
+            self._executing = commands
+            try:
+                self._send_frames(tuple(commands))
+                for command in commands:
+                    if type(command) is DeliverResult:
+                        self._deliver(command)
+                    elif type(command) is EmitTrace:
+                        for sink in tuple(self._trace_sinks):
+                            self._notify(sink, command.event)
+            finally:
+                self._executing = None
         if not self._spinning:
             self._schedule_next()
 

@@ -69,7 +69,7 @@ from drivebus.bus.failure_reason import (
     shows_a_reply,
 )
 from drivebus.bus.messages import BusRequest, BusResult, RequestPriority
-from drivebus.bus.prepared_request import Poll, PreparedPoll, PreparedRequest, prepare
+from drivebus.bus.prepared_request import MOTION, NO_EFFECT, STOP, Poll, PreparedPoll, PreparedRequest, prepare
 from drivebus.bus.scheduler import NEVER, Scheduler
 from drivebus.bus.silence_timeout import SILENCE_TIMEOUT_S, SilenceTimeout
 from drivebus.bus.station import Presence, Station, StationHealth, StationState
@@ -85,9 +85,9 @@ from drivebus.errors import (
     Superseded,
     TrailingError,
 )
-from drivebus.protocols.codec import Effect
 from drivebus.serial_settings import ANY_REPLY_LATENESS_S, SerialSettings
 
+STOP_PRIORITY, ONLINE = RequestPriority.STOP, StationState.ONLINE  # a member read from its class takes longer
 HOST_STALL_TOLERANCE_S = 0.2  # bytes read so late, because the host was busy, may have come in time: still decoded
 SYNC_REJECTIONS_REQUIRED = 3  # error replies in a row that count as a sync: no station has so many late replies
 
@@ -195,7 +195,7 @@ class BusCore:
             return self._reject(bus_request, token, prepared)
         if not self.is_open:
             return self._reject(bus_request, token, copy_error(self._closed_by))
-        if prepared.effect is Effect.STOP:
+        if prepared.effect is STOP:
             stopped = list(self.stations.values()) if prepared.is_broadcast else [prepared.station]
             for older in self.scheduler.supersede(stopped):
                 self._complete(older, Superseded("bus.superseded", station=older.station.address))
@@ -226,7 +226,7 @@ class BusCore:
         prepared_polls = []
         for poll in polls:
             prepared = PreparedPoll(poll, token, station, self.settings, now + schedule.next_phase_s(poll))
-            if prepared.effect is not Effect.NONE:
+            if prepared.effect is not NO_EFFECT:
                 raise ValueError(f"poll {poll.request!r}: a poll only reads, this one is {prepared.effect.value}")
             prepared_polls.append(prepared)
         for prepared in prepared_polls:
@@ -246,11 +246,11 @@ class BusCore:
 
     def _withdraw(self, token: Any) -> None:
         """Remove requests from the queues; the one on the wire gets no further attempt. A stop stays."""
-        self.scheduler.remove_if(lambda prepared: prepared.token is token and prepared.effect is not Effect.STOP)
+        self.scheduler.remove_if(lambda prepared: prepared.token is token and prepared.effect is not STOP)
         if self.transaction is None:
             return
         prepared = self.transaction.prepared
-        if prepared.token is token and prepared.effect is not Effect.STOP:
+        if prepared.token is token and prepared.effect is not STOP:
             prepared.max_attempts = prepared.attempts
 
     def _reject(self, bus_request: BusRequest, token: Any, error: Exception) -> list[CoreCommand]:
@@ -341,9 +341,12 @@ class BusCore:
             rejected, error = self.scheduler.rejected.pop(0)
             self._complete(rejected, error)
         unsolicited = self.unsolicited.buffer
-        gap_s = prepared.gap_s if prepared is not None else self._max_gap_s() if unsolicited else 0.0
-        at = self._silent_since + gap_s
-        if prepared is not None and prepared.priority is not RequestPriority.STOP:
+        if prepared is None and not unsolicited:
+            self._silence_timeout.reset()
+            self.wake_at = None if self.scheduler.next_wake_at == NEVER else self.scheduler.next_wake_at
+            return
+        at = self._silent_since + (self._max_gap_s() if prepared is None else prepared.gap_s)
+        if prepared is not None and prepared.priority is not STOP_PRIORITY:
             if prepared.station.duplicate_reply_times:
                 at = max(at, prepared.station.next_allowed_at(now))
             if foreign is not None and not unsolicited:
@@ -351,15 +354,12 @@ class BusCore:
         if now < at and (prepared is None or not self._silence_timeout.expired(prepared, now)):
             self.wake_at = at if prepared is None else min(at, self._silence_timeout.deadline(prepared, now))
             return
-        if unsolicited:
+        if prepared is None or unsolicited:
             for event in self.unsolicited.classify_buffer(now):
                 self.echo.record_repeat(event.data)
                 self._trace(event)
             self._send_next(now)  # the bytes may have made a station suspect: choose again
-        elif prepared is None:
-            self._silence_timeout.reset()
-            self.wake_at = None if self.scheduler.next_wake_at == NEVER else self.scheduler.next_wake_at
-        elif now < at and prepared.priority is not RequestPriority.STOP:
+        elif now < at and prepared.priority is not STOP_PRIORITY:
             self._fail_unsent(prepared, LineError("bus.no_silence", seconds=SILENCE_TIMEOUT_S), now)
         else:
             self._send(prepared, now)
@@ -374,7 +374,7 @@ class BusCore:
         prepared.sent_at = now
         station = prepared.station
         station.last_request = prepared.request
-        station.motions_sent += prepared.effect is Effect.MOTION
+        station.motions_sent += prepared.effect is MOTION
         counters = station.counters
         counters.transactions += 1
         counters.bytes_sent += len(prepared.data)
@@ -468,7 +468,7 @@ class BusCore:
             transaction.learn_delay()
             if prepared.is_sync_probe:
                 self._mark_online(station, now, verified=True)
-            elif station.state is not StationState.ONLINE:
+            elif station.state is not ONLINE:
                 station.mark_replied()
             if self.tracing:
                 self._trace(
@@ -551,7 +551,7 @@ class BusCore:
         for waiting in self.scheduler.remove_if(
             lambda prepared: (
                 prepared.station is station
-                and prepared.priority is not RequestPriority.STOP
+                and prepared.priority is not STOP_PRIORITY
                 and not (quarantined and prepared.bus_request.waits_in_quarantine)
             )
         ):

@@ -32,6 +32,9 @@ class EchoState(Enum):
     OFF = "off"
 
 
+OFF = EchoState.OFF  # a member read from its class takes longer
+
+
 class EchoDetector:
     """Detector for one port: whether it echoes, and whether a reply that equals its request may be accepted."""
 
@@ -66,7 +69,7 @@ class EchoDetector:
 
     def filter_for(self, prepared: PreparedRequest) -> EchoFilter | None:
         """Return the filter for the bytes that follow this frame, None where no echo is expected."""
-        if self.state is EchoState.OFF:
+        if self.state is OFF:
             return None
         is_unknown = self.state is EchoState.UNKNOWN
         if is_unknown and prepared.is_mirrorable():

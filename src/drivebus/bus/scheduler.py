@@ -20,10 +20,9 @@ from collections.abc import Callable, Collection, Iterable
 from heapq import heapify, heappop, heappush, heapreplace
 
 from drivebus.bus.messages import BusRequest, RequestPriority
-from drivebus.bus.prepared_request import Poll, PreparedPoll, PreparedRequest
+from drivebus.bus.prepared_request import MOTION, NO_EFFECT, Poll, PreparedPoll, PreparedRequest
 from drivebus.bus.station import ProbeBudget, Station
 from drivebus.errors import Expired
-from drivebus.protocols.codec import Effect
 from drivebus.serial_settings import SerialSettings
 
 STOP, COMMAND, PARAMETER, POLL, PROBE = RequestPriority  # reading a member from its class takes four times as long
@@ -172,10 +171,11 @@ class Scheduler:
             and (chosen := self._next_background(polls, now))
         ):
             return chosen
-        parameters_first = self._commands_in_row >= MAX_COMMANDS_IN_ROW
-        for queue in (parameters, commands) if parameters_first else (commands, parameters):
-            if queue and (chosen := self._next_sendable(queue, now)):
-                return chosen
+        if commands or parameters:
+            parameters_first = self._commands_in_row >= MAX_COMMANDS_IN_ROW
+            for queue in (parameters, commands) if parameters_first else (commands, parameters):
+                if queue and (chosen := self._next_sendable(queue, now)):
+                    return chosen
         if self.untrusted_stations and (chosen := self._next_sync_probe(now)):
             return chosen
         if probes and self._polls_in_row >= MAX_POLLS_IN_ROW and (chosen := self._next_sendable(probes, now)):
@@ -259,12 +259,7 @@ class Scheduler:
     def _next_sendable(self, queue: deque[PreparedRequest], now: float) -> PreparedRequest | None:
         """Return the first request of a queue that may be sent, or the sync probe that it has to wait for."""
         head = queue[0]
-        if (
-            not head.station.state.is_suspect
-            and head.expires_at is None
-            and head.permit is None
-            and head.permit_error(now) is None
-        ):
+        if head.effect is NO_EFFECT and head.expires_at is None and not head.station.state.is_suspect:
             return head
         for prepared in tuple(queue):
             if self._reject_if_stale(queue, prepared, now):
@@ -343,4 +338,4 @@ def _sync_due_since(station: Station) -> float:
 
 def _is_command(prepared: PreparedRequest) -> bool:
     """Return whether a request is withdrawn with the commands of its station; a stop, of another priority, never is."""
-    return prepared.priority is COMMAND or prepared.effect is Effect.MOTION
+    return prepared.priority is COMMAND or prepared.effect is MOTION

@@ -238,10 +238,9 @@ class Transaction:
             self.message = None
             self.bytes_needed = result.need
             return
-        self.message, self.message_size = result.message, result.size
-        self.needs_silence = isinstance(result, CompleteIfSilent)
+        self.message, self.message_size, self.needs_silence = result.message, result.size, False
         if isinstance(result, CompleteIfSilent):
-            self.bytes_needed = result.need
+            self.needs_silence, self.bytes_needed = True, result.need
         elif len(self.buffer) > self.message_size:
             station, size = self.prepared.station.address, self.message_size
             self._invalidate(TrailingError("bus.trailing", station=station, expected=size, found=len(self.buffer)))
