@@ -465,7 +465,6 @@ class BusCore:
             station.last_frame = transaction.buffer
             station.unusable_reply = None
             station.counters.record_reply(transaction.last_byte_at - transaction.tx_end_at, now)
-            transaction.learn_delay()
             if prepared.is_sync_probe:
                 self._mark_online(station, now, verified=True)
             elif station.state is not ONLINE:
@@ -594,17 +593,7 @@ class BusCore:
                 attempts=prepared.attempts,
             )
         else:
-            result = BusResult(
-                bus_request=prepared.bus_request,
-                reply=transaction.message if error is None else None,
-                error=error,
-                sent=prepared.data,
-                received=bytes(transaction.buffer),
-                sent_at=transaction.sent_at,
-                received_at=transaction.last_byte_at,
-                gap_s=prepared.gap_s,
-                attempts=prepared.attempts,
-            )
+            result = transaction.result(error)
         if isinstance(prepared, PreparedPoll):
             prepared.attempts = 0
             if prepared.cancelled:

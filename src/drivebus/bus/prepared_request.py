@@ -10,7 +10,7 @@ from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPoli
 from drivebus.bus.station import Station
 from drivebus.bus.usual_delay import UsualDelay
 from drivebus.errors import NotPermitted, ProtocolError
-from drivebus.protocols.codec import Codec, Complete, DecodeResult, Effect, Incomplete
+from drivebus.protocols.codec import Complete, DecodeResult, Effect, Incomplete
 from drivebus.serial_settings import SerialSettings
 
 NO_EFFECT, _, MOTION, STOP = Effect  # reading a member from its class takes four times as long
@@ -22,11 +22,9 @@ class PreparedRequest:
     """Frame to send. ``token`` identifies the receiver of the result; None for the sync probes of the bus itself."""
 
     __slots__ = (
-        "adapter_latency_s",
         "attempts",
         "bus_request",
         "cacheable",
-        "codec",
         "data",
         "effect",
         "expires_at",
@@ -60,7 +58,6 @@ class PreparedRequest:
         self.bus_request = bus_request
         self.token = token
         self.station = station
-        self.codec: Codec = station.codec
         self.request = bus_request.request
         self.data = encoded.data
         self.effect = encoded.effect
@@ -74,7 +71,6 @@ class PreparedRequest:
         self.expires_at = None if self.effect is STOP else bus_request.expires_at
         self.is_sync_probe = is_sync_probe
         self.gap_s = station.gap_s
-        self.adapter_latency_s = station.config.timing.adapter_latency_s
         self.usual_delay = station.usual_delay
         self.attempts = 0
         self.sent_at: float | None = None
@@ -92,12 +88,12 @@ class PreparedRequest:
 
     def decode_reply(self, data: bytes) -> DecodeResult:
         """Decode bytes as the reply to this request. Raises ProtocolError."""
-        return self.codec.decode_reply(self.request, data)
+        return self.station.codec.decode_reply(self.request, data)
 
     def is_mirrorable(self) -> bool:
         """Return whether the request's own bytes could pass for the beginning of its reply."""
         try:
-            return not isinstance(self.codec.decode_reply(self.request, self.data), Incomplete)
+            return not isinstance(self.station.codec.decode_reply(self.request, self.data), Incomplete)
         except ProtocolError:
             return False
 

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from math import ceil
 
+from drivebus.bus.messages import BusResult
 from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.errors import (
     AddressError,
@@ -82,6 +83,7 @@ class Transaction:
         "echo",
         "ends_at",
         "error",
+        "expected_result",
         "foreign_frames",
         "has_line_timing",
         "last_byte_at",
@@ -123,6 +125,8 @@ class Transaction:
         self.message_size = 0
         self.needs_silence = False
         """The reply is complete only if no byte follows."""
+        self.expected_result: BusResult | None = None
+        """Result if silence follows the reply, made while that gap passes: nothing else can be done then."""
         self.error: Exception | None = None
         self.bytes_before_tx_end = b""
         self.noise_skipped = False
@@ -171,6 +175,26 @@ class Transaction:
             return NoReply("bus.no_reply", **params)
         return NoReply("bus.no_reply_to_next", **params, since_ms=round((self.sent_at - last_reply_at) * 1000))
 
+    def result(self, error: Exception | None) -> BusResult:
+        """Return the result for the caller; ``error`` None: the accepted reply, or the end of a broadcast."""
+        if error is None and self.expected_result is not None:
+            return self.expected_result
+        return self._make_result(error)
+
+    def _make_result(self, error: Exception | None) -> BusResult:
+        prepared = self.prepared
+        return BusResult(
+            bus_request=prepared.bus_request,
+            reply=self.message if error is None else None,
+            error=error,
+            sent=prepared.data,
+            received=bytes(self.buffer),
+            sent_at=self.sent_at,
+            received_at=self.last_byte_at,
+            gap_s=prepared.gap_s,
+            attempts=prepared.attempts,
+        )
+
     def earliest_useful_at(self) -> float | None:
         """Return the time before which the reply is probably not complete; None: any byte may matter.
 
@@ -184,7 +208,7 @@ class Transaction:
             )
         return self.last_byte_at + (self.bytes_needed - len(self.buffer) - 1) * self.character_s
 
-    def learn_delay(self) -> None:
+    def _learn_delay(self) -> None:
         """Add the delay of a complete reply to the usual delay of its poll or station."""
         prepared = self.prepared
         if self.received_count == prepared.reply_bytes:
@@ -244,6 +268,9 @@ class Transaction:
         elif len(self.buffer) > self.message_size:
             station, size = self.prepared.station.address, self.message_size
             self._invalidate(TrailingError("bus.trailing", station=station, expected=size, found=len(self.buffer)))
+        else:
+            self.expected_result = self._make_result(None)
+            self._learn_delay()
 
     def _update_end(self, now: float) -> None:
         """Set ``ends_at``: after the gap for a valid reply, when the bytes end for an invalid one."""
@@ -254,7 +281,11 @@ class Transaction:
         elif self.message is None or len(self.buffer) != self.message_size:
             self.ends_at = self.deadline
         else:
-            self.ends_at = now + (prepared.gap_s + prepared.adapter_latency_s if self.needs_silence else prepared.gap_s)
+            self.ends_at = now + (
+                prepared.gap_s + prepared.station.config.timing.adapter_latency_s
+                if self.needs_silence
+                else prepared.gap_s
+            )
 
     def _invalidate(self, error: Exception) -> None:
         if self.error is None:

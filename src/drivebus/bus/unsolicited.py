@@ -173,7 +173,7 @@ class UnsolicitedBytes:
     def detect_overlapping_request(self, transaction: Transaction, now: float) -> list[TraceEvent]:
         """Count a request of another master whose end was received while we sent: the reply may be that to it."""
         data = self._join_fragment(transaction.bytes_before_tx_end, transaction.sent_at)
-        request = decode_request_prefix(transaction.prepared.codec, data)
+        request = decode_request_prefix(transaction.prepared.station.codec, data)
         if request is None:
             return []
         self._begin_foreign_request(data, transaction.sent_at, now)
@@ -191,10 +191,10 @@ class UnsolicitedBytes:
             return []
         if isinstance(error, TrailingError) and isinstance(error.expected, int):
             data = data[error.expected :]
-        request = decode_request_prefix(prepared.codec, data)
+        request = decode_request_prefix(prepared.station.codec, data)
         if request is None:
             data = self._join_fragment(data, transaction.sent_at)
-            request = decode_request_prefix(prepared.codec, data)
+            request = decode_request_prefix(prepared.station.codec, data)
         if request is None or data[: request.size] == prepared.data:
             return []
         if prepared.station.decode_reply_to(prepared.request, data) is not None:
