@@ -278,7 +278,7 @@ class GateState:
     def _reply(self, _: str, spoil: int = 0) -> None:
         transaction = self.core.transaction
         assert transaction is not None
-        data = bytearray(normal_reply(transaction.prepared.request, transaction.prepared.codec))
+        data = bytearray(normal_reply(transaction.prepared.request, transaction.prepared.station.codec))
         data[-2] ^= spoil  # of the check, where there is one
         self._perform(self._own_core().on_data(bytes(data), self.now, 0))
 

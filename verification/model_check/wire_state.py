@@ -118,7 +118,7 @@ class WireState(GateState):
         """Receive bytes and let the bus examine them after the following silence."""
         transaction = self.core.transaction
         if transaction is not None:
-            data = 2 * normal_reply(transaction.prepared.request, transaction.prepared.codec)
+            data = 2 * normal_reply(transaction.prepared.request, transaction.prepared.station.codec)
         else:
             data = self.subject.other.codec.encode_request(self.subject.other.echo_test_read())
         self._perform(self._own_core().on_data(data, self.now, 0))
