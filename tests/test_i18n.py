@@ -90,6 +90,14 @@ def test_no_english_text_leaves_the_choice_of_a_plural_to_its_reader(catalogue: 
 
 
 @pytest.mark.parametrize("catalogue", NAMES)
+def test_no_text_installs_drivebus_from_an_index_that_does_not_have_it(catalogue: str) -> None:
+    """Regression: "pip install 'drivebus[parquet]'" found no package. Its source is installed: '.[parquet]'."""
+    for language in i18n.LANGUAGES:
+        texts = read_catalogue(catalogue, language)
+        assert not [key for key, text in texts.items() if re.search(r"\binstall\b[^`.]*drivebus\b", text)]
+
+
+@pytest.mark.parametrize("catalogue", NAMES)
 def test_every_text_longer_than_a_name_is_translated(catalogue: str) -> None:
     english, chinese = read_catalogue(catalogue, "en"), read_catalogue(catalogue, "zh")
     same = {

@@ -487,6 +487,13 @@ def test_a_poll_interval_is_shown_where_it_is_longer_than_expected(
     assert evaluate(scripts, "readings", f"m.slowInterval({view})") == expected
 
 
+def test_a_date_is_shown_in_the_order_of_iso_8601(scripts: Any) -> None:
+    """Regression: it was 22/11/2026, also in a browser of a country where the month comes first."""
+    time_ms = "new Date(2026, 10, 22, 14, 3, 5).getTime()"
+    shown = scripts.evaluate(f"import('/static/js/format.js').then(({{ moment }}) => moment({time_ms}))")
+    assert shown == "2026-11-22 14:03:05"
+
+
 @pytest.mark.parametrize(
     ("search", "expected"), [("", ["a", "b"]), ("英沃 vc", ["a"]), ("DELTA rtu", []), ("delta", ["b"])]
 )
