@@ -11,8 +11,9 @@ import pytest
 
 from drivebus.service.auth.devices import DEVICE_KEY_FILE
 from drivebus.service.auth.rights import Right, Role
-from drivebus.service.auth.service import SETUP_SECRET_FILE, AuthService
+from drivebus.service.auth.service import AuthService
 from drivebus.service.auth.sessions import SessionStore, secret_digest
+from drivebus.service.auth.setup_secret import SETUP_SECRET_FILE
 from drivebus.service.auth.users import Token, User, UserDatabase
 from drivebus.service.config.model import USER_FILE
 from fixtures.web_app import FAST_HASHER

@@ -17,7 +17,7 @@ import pytest
 
 from drivebus import i18n
 from drivebus.service.app import Service
-from drivebus.service.auth.service import SETUP_SECRET_FILE
+from drivebus.service.auth.setup_secret import SETUP_SECRET_FILE
 from drivebus.service.auth.users import UserFile
 from drivebus.service.ipc.server import SocketServer
 from drivebus.service.process.gateway_arguments import GatewayArguments, encode_arguments

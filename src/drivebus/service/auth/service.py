@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import hmac
 import secrets
 import time
 from collections import Counter
@@ -12,9 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drivebus.atomic_write import atomic_write_private
 from drivebus.clock import Clock, wall_ms
-from drivebus.service.auth.credentials import AuthContext, Credential, SessionCredential, TokenCredential
+from drivebus.service.auth.credentials import AuthContext, SessionCredential, TokenCredential
 from drivebus.service.auth.devices import DeviceCookies
 from drivebus.service.auth.errors import AccessDenied, Conflict, NotAuthenticated, ResourceNotFound, TooManyAttempts
 from drivebus.service.auth.names import normalized_name
@@ -22,46 +19,10 @@ from drivebus.service.auth.password_policy import check_password_policy
 from drivebus.service.auth.passwords import PasswordHashing
 from drivebus.service.auth.rights import Role
 from drivebus.service.auth.sessions import Session, SessionStore, SessionTable, secret_digest
+from drivebus.service.auth.setup_secret import SetupSecret
 from drivebus.service.auth.throttle import AttemptKeys, LoginThrottle, address_key, unknown_browser_keys
 from drivebus.service.auth.users import OneTimeCode, User, UserDatabase, UserFile
 from drivebus.service.config.model import USER_FILE
-
-SETUP_SECRET_FILE = "setup-secret"
-
-
-class SetupSecret:
-    """Secret, valid once, that authorizes the creation of the first administrator. There is no default password.
-
-    It is in ``<directory>/setup-secret`` (0600) until it is used, and in memory for the comparison.
-    """
-
-    def __init__(self, directory: Path) -> None:
-        self.path = directory / SETUP_SECRET_FILE
-        self.file_error: OSError | None = None
-        """Why the file could not be written."""
-        self._secret: str | None = None
-
-    def issue(self) -> str:
-        """Return the secret; create it and its file on the first call."""
-        if self._secret is None:
-            self._secret = secrets.token_urlsafe(16)
-            try:
-                atomic_write_private(self.path, self._secret.encode() + b"\n")
-            except OSError as error:  # a disk that cannot be written: the secret is printed too
-                self.file_error = error
-        return self._secret
-
-    def verify(self, secret: str) -> bool:
-        if self._secret is None:
-            return False
-        return hmac.compare_digest(secret.encode("utf-8", "surrogatepass"), self._secret.encode())
-
-    def consume(self) -> None:
-        """Invalidate the secret and delete its file."""
-        self._secret = None
-        with contextlib.suppress(OSError):
-            self.path.unlink(missing_ok=True)
-
 
 SESSION_SAVE_INTERVAL_S = 60.0
 """Activity of a session that a crash of the web process may lose."""
@@ -341,6 +302,3 @@ def _add_first_administrator(database: UserDatabase, user: User) -> UserDatabase
     if database.has_administrator:
         raise Conflict("auth.is_set_up")
     return database.with_user(user)
-
-
-__all__ = ["AuthService", "Credential", "LoginResult"]
