@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
+from dataclasses import replace
 
 from drivebus.cli import output
 from drivebus.cli.remote.client import RemoteClient, open_client
 from drivebus.cli.remote.convert import parse_status
-from drivebus.cli.tui.rows import COLUMN_SIGNALS, ERROR_COUNTERS, BusRow, DriveRow, unknown_reason
+from drivebus.cli.tui.rows import COLUMN_SIGNALS, ERROR_COUNTERS, BusRow, DriveRow, drive_row
 from drivebus.errors import DrivebusError
 from drivebus.service.api.operations.buses import BUSES_LIST
 from drivebus.service.api.operations.drives import DRIVES_LIST
@@ -80,8 +81,6 @@ class ServiceRowSource:
 
     def _mark_unreachable(self, error: DrivebusError) -> None:
         """Replace outdated rows by rows without values, and report the reason once."""
-        from dataclasses import replace
-
         self._drives = [
             replace(row, presence="offline", state="unknown", reason=None, readings={}) for row in self._drives
         ]
@@ -95,24 +94,16 @@ def remote_drive_row(view: Json, now: float) -> DriveRow:
     """Return the row of a DriveView."""
     status = parse_status(view, now)
     readings = {name: reading for name, reading in status.readings.items() if name in COLUMN_SIGNALS}
-    times = [reading.source_time for reading in readings.values() if reading.source_time is not None]
-    fault = status.fault
-    return DriveRow(
+    row = drive_row(
+        replace(status, readings=readings),
         key=view["id"],
         name=view["id"],
         bus=view["bus"],
         model=view["model"],
         address=view["address"],
-        state=str(status.state),
-        direction=str(status.direction) if status.direction else None,
-        fault_label=fault.label if fault else "",
-        fault_text=output.to_json_value(fault.text) if fault else "",
-        reason=unknown_reason(status, view["presence"]),
-        readings=readings,
         presence=view["presence"],
-        oldest_value_at=min(times, default=None),
-        commanded_hz=view["commanded_hz"],
     )
+    return replace(row, commanded_hz=view["commanded_hz"])
 
 
 def remote_bus_row(view: Json) -> BusRow:
