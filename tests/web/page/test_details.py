@@ -195,3 +195,13 @@ def test_a_fault_without_a_label_has_a_dash_in_its_place(visit: Any, expect: Any
     fault = page.get_by_role("region", name=page_text("all_faults")).locator("tbody tr").first
     expect(fault).to_contain_text("under-voltage")
     assert "" not in [one.strip() for one in fault.locator("td").all_inner_texts()]
+
+
+def test_a_search_of_the_faults_finds_their_words_and_no_names_of_fields(visit: Any, expect: Any) -> None:
+    """A search for "code" or "label" found every fault, and one for two words that are not neighbours found none."""
+    page = visit("#/models/vc660?tab=faults")
+    faults, field = page.get_by_role("region", name=page_text("all_faults")), page.locator("main input[type=search]")
+    field.fill("label")
+    expect(faults.locator("td.empty")).to_be_visible()
+    field.fill("voltage under")
+    expect(faults.locator("tbody tr").first).to_contain_text("under-voltage")

@@ -3,7 +3,7 @@ import { html, useMemo, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
 import { NO_VALUE, moment } from "../format.js";
-import { SearchField } from "../search.js";
+import { SearchField, hasWords } from "../search.js";
 import { ErrorNote, Table, useLoaded } from "../ui.js";
 
 const PAST_FAULT_COUNT = 50;
@@ -46,13 +46,13 @@ export function FaultsTab({ view, profile }) {
     <${KnownFaults} view=${view} profile=${profile} /></div>`;
 }
 
+const searchedText = ({ code, label, text, cause, remedy }) => (
+  [code, label, ...[text, cause, remedy].flatMap((one) => Object.values(one ?? {}))].join(" "));
+
 /** Fault codes of a model; that of the present fault of `view`, where one is given, is marked. */
 export function KnownFaults({ view, profile }) {
   const [search, setSearch] = useState("");
-  const rows = useMemo(() => {
-    const word = search.trim().toLowerCase();
-    return profile.faults.filter((one) => !word || JSON.stringify(one).toLowerCase().includes(word));
-  }, [profile, search]);
+  const rows = useMemo(() => profile.faults.filter((fault) => hasWords(searchedText(fault), search)), [profile, search]);
   if (profile.faults.length === 0) return html`<p>${t("page.no_fault_table")}</p>`;
   return html`<div class="stack"><${SearchField} value=${search} onChange=${setSearch} />
     <${Table} stacks caption=${t("page.all_faults")} rows=${rows} keyOf=${(one) => one.code}
