@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from enum import Enum
 from heapq import heappop, heappush
+from itertools import count
 from math import ceil
 from typing import NamedTuple
 
@@ -109,7 +110,7 @@ class Wire:
         self._recent: list[Transmission] = []
         self._last_end = float("-inf")
         self._events: list[WireEvent] = []
-        self._event_number = 0
+        self._event_numbers = count()
 
     def transmit(
         self,
@@ -263,5 +264,5 @@ class Wire:
     def _push(
         self, at: float, side: Side, transmission: Transmission, first: int, last: int, decision_delay_s: float = 0.0
     ) -> None:
-        self._event_number += 1
-        heappush(self._events, WireEvent(at, self._event_number, side, transmission, first, last, decision_delay_s))
+        number = next(self._event_numbers)
+        heappush(self._events, WireEvent(at, number, side, transmission, first, last, decision_delay_s))

@@ -17,6 +17,7 @@ from collections.abc import AsyncGenerator, Callable, Coroutine, Iterator
 from contextlib import contextmanager
 from contextvars import Context
 from heapq import heapify, heappop, heappush
+from itertools import count
 from typing import TYPE_CHECKING, Any, TypeVar
 
 T = TypeVar("T")
@@ -67,7 +68,7 @@ class VirtualLoop(_EventLoop):
         self._end = start + max_s
         self._heap: list[tuple[float, int, VirtualTimer]] = []
         self._ready: deque[VirtualTimer] = deque()
-        self._count = 0
+        self._numbers = count()
         self._closed = False
         self._generators: weakref.WeakSet[AsyncGenerator[Any, Any]] = weakref.WeakSet()
         self._exception_handler: Callable[[Any, dict[str, Any]], object] | None = None
@@ -94,8 +95,7 @@ class VirtualLoop(_EventLoop):
         if context is not None:
             callback, args = context.run, (callback, *args)
         timer = VirtualTimer(callback, args, when)
-        self._count = count = self._count + 1
-        heappush(self._heap, (when, count, timer))
+        heappush(self._heap, (when, next(self._numbers), timer))
         return timer
 
     def call_later(
