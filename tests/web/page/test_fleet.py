@@ -176,6 +176,19 @@ def test_the_stop_button_of_a_dense_tile_has_a_frame_that_a_stopped_drives_squar
     assert frame["y"] + frame["height"] <= spark["y"]
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("width", [360, 1440])
+def test_the_stop_button_of_a_tile_has_its_word(visit: Any, width: int, language: str) -> None:
+    """Regression: it was only the square that is also the sign of a stopped drive; a finger sees no title."""
+    page = visit("#/fleet", size=(width, 740), language=language)
+    page.locator(".tile").nth(4).wait_for()
+    words = page.locator(".tilestop .stopword")
+    assert words.all_inner_texts() == [i18n.text("page.how_stop", language)] * page.locator(".tile").count()
+    assert page.locator(".tilestop").evaluate_all(OVERFLOWING) == 0
+    name = page.locator(".tilestop").first.get_attribute("aria-label") or ""
+    assert words.first.inner_text().lower() in name.lower(), "a voice that says the word does not find the button"
+
+
 TURNS = """async () => {
   const store = await import('/static/js/store.js');
   const heights = () => [...document.querySelectorAll('.tile')].map((one) => one.offsetHeight);

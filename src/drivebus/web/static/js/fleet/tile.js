@@ -86,6 +86,6 @@ export function Tile({ id }) {
       ${view.start_inhibited && html`<p class="tilenote">${t("page.start_inhibited")}</p>`}</a>
     ${may("stop") && html`<button type="button" class="tilestop" aria-label=${t("page.stop_named", { name })}
       title=${t("page.stop_named", { name })} onKeyDown=${ignoreRepeat} onClick=${() => stop("drive", id)}>
-      <${Icon} name="stop" /></button>`}
+      <${Icon} name="stop" /><span class="stopword" aria-hidden="true">${t("page.how_stop")}</span></button>`}
   </article>`;
 }
