@@ -18,6 +18,7 @@ from drivebus.service.auth.errors import (
     InvalidInput,
     ResourceNotFound,
 )
+from drivebus.service.auth.names import _look_alikes, appearance
 from drivebus.service.auth.rights import Right, Role
 from drivebus.service.auth.users import OneTimeCode, Token, User, UserDatabase, UserFile
 
@@ -133,8 +134,20 @@ def test_a_name_of_one_script_or_an_east_asian_one_with_latin_letters_is_accepte
         ("ᏚᎪᎡᎪ".casefold(), "sara"),
         ("οκ", "ок"),
         ("๐", "०"),
+        ("раӏ", "pal"),
+        ("ᴋarl", "karl"),
+        ("δ", "ⵠ"),
     ],
-    ids=["Cyrillic", "Armenian", "Cherokee", "Greek and Cyrillic", "Thai and Devanagari digits"],
+    ids=[
+        "Cyrillic",
+        "Armenian",
+        "Cherokee",
+        "Greek and Cyrillic",
+        "Thai and Devanagari digits",
+        "palochka",
+        "small capital",
+        "through a third letter",
+    ],
 )
 def test_a_name_in_another_script_that_looks_like_an_existing_one_is_taken(name: str, alike: str) -> None:
     for first, second in ((name, alike), (alike, name)):
@@ -143,6 +156,12 @@ def test_a_name_in_another_script_that_looks_like_an_existing_one_is_taken(name:
         with pytest.raises(Conflict) as rejected:
             database.with_user(User(second, Role.VIEWER, None, 1))
         assert rejected.value.key == "auth.name_taken"
+
+
+def test_no_letter_is_replaced_by_one_that_is_replaced_itself() -> None:
+    """Regression: two letters that look like a third one were told apart where the third one looks like a fourth."""
+    letters = "".join(map(chr, _look_alikes()))
+    assert appearance(appearance(letters)) == appearance(letters)
 
 
 def test_names_that_only_resemble_each_other_in_one_script_are_both_accepted() -> None:

@@ -31,7 +31,11 @@ def appearance(name: str) -> str:
 def _look_alikes() -> dict[int, str]:
     """Return the letter in place of each that looks like it; ``look_alikes.txt`` names source and licence."""
     lines = files("drivebus.service.auth").joinpath("look_alikes.txt").read_text(encoding="utf-8").splitlines()
-    return {ord(other): line[0] for line in lines if not line.startswith("#") for other in line[1:]}
+    alike = {other: line[0] for line in lines if not line.startswith("#") for other in line[1:]}
+    for other in alike:
+        while alike[other] in alike:
+            alike[other] = alike[alike[other]]
+    return {ord(other): letter for other, letter in alike.items()}
 
 
 def check_user_name(name: str) -> None:
