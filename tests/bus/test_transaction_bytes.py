@@ -23,7 +23,7 @@ from drivebus.errors import (
     TrailingError,
 )
 from drivebus.protocols import modbus
-from drivebus.protocols.codec import DecodeResult
+from drivebus.protocols.codec import Complete, CompleteIfSilent, DecodeResult
 from fixtures.bus import CHARACTER_S, COMMAND, SETTINGS, STOP, TIMING, read_request, station_config
 
 RTU = modbus.ModbusRtuCodec()
@@ -271,6 +271,23 @@ def test_the_echo_is_removed_and_a_byte_that_differs_is_a_collision() -> None:
     error = other.final_error()
     assert isinstance(error, LineError)
     assert (error.key, error.params) == ("bus.collision", {"station": 1, "position": 4})
+
+
+class RevisingCodec(modbus.ModbusRtuCodec):
+    """Codec that takes the first byte for a whole reply, and two bytes for another one if silence follows."""
+
+    def decode_reply(self, request: Any, data: bytes, /) -> DecodeResult:
+        return Complete("first", 1) if len(data) == 1 else CompleteIfSilent("second", 2, 3)
+
+
+def test_the_result_is_the_reply_that_was_decoded_last() -> None:
+    """The result is made with the first complete reply; it would be out of date where more bytes change the reply."""
+    transaction = make_transaction(codec=RevisingCodec())
+    transaction.on_data(b"\x01", 1.05)
+    assert transaction.result(None).reply == "first"
+    transaction.on_data(b"\x02", 1.051)
+    result = transaction.result(transaction.final_error())
+    assert (result.reply, result.received, result.received_at) == ("second", b"\x01\x02", 1.051)
 
 
 class CountingCodec(modbus.ModbusRtuCodec):

@@ -69,7 +69,15 @@ from drivebus.bus.failure_reason import (
     shows_a_reply,
 )
 from drivebus.bus.messages import BusRequest, BusResult, RequestPriority
-from drivebus.bus.prepared_request import MOTION, NO_EFFECT, STOP, Poll, PreparedPoll, PreparedRequest, prepare
+from drivebus.bus.prepared_request import (
+    MOTION_EFFECT,
+    NO_EFFECT,
+    STOP_EFFECT,
+    Poll,
+    PreparedPoll,
+    PreparedRequest,
+    prepare,
+)
 from drivebus.bus.scheduler import NEVER, Scheduler
 from drivebus.bus.silence_timeout import SILENCE_TIMEOUT_S, SilenceTimeout
 from drivebus.bus.station import Presence, Station, StationHealth, StationState
@@ -195,7 +203,7 @@ class BusCore:
             return self._reject(bus_request, token, prepared)
         if not self.is_open:
             return self._reject(bus_request, token, copy_error(self._closed_by))
-        if prepared.effect is STOP:
+        if prepared.effect is STOP_EFFECT:
             stopped = list(self.stations.values()) if prepared.is_broadcast else [prepared.station]
             for older in self.scheduler.supersede(stopped):
                 self._complete(older, Superseded("bus.superseded", station=older.station.address))
@@ -246,11 +254,11 @@ class BusCore:
 
     def _withdraw(self, token: Any) -> None:
         """Remove requests from the queues; the one on the wire gets no further attempt. A stop stays."""
-        self.scheduler.remove_if(lambda prepared: prepared.token is token and prepared.effect is not STOP)
+        self.scheduler.remove_if(lambda prepared: prepared.token is token and prepared.effect is not STOP_EFFECT)
         if self.transaction is None:
             return
         prepared = self.transaction.prepared
-        if prepared.token is token and prepared.effect is not STOP:
+        if prepared.token is token and prepared.effect is not STOP_EFFECT:
             prepared.max_attempts = prepared.attempts
 
     def _reject(self, bus_request: BusRequest, token: Any, error: Exception) -> list[CoreCommand]:
@@ -374,7 +382,7 @@ class BusCore:
         prepared.sent_at = now
         station = prepared.station
         station.last_request = prepared.request
-        station.motions_sent += prepared.effect is MOTION
+        station.motions_sent += prepared.effect is MOTION_EFFECT
         counters = station.counters
         counters.transactions += 1
         counters.bytes_sent += len(prepared.data)

@@ -32,7 +32,7 @@ class EchoState(Enum):
     OFF = "off"
 
 
-OFF = EchoState.OFF  # a member read from its class takes longer
+ECHO_OFF = EchoState.OFF  # a member read from its class takes longer
 
 
 class EchoDetector:
@@ -69,7 +69,7 @@ class EchoDetector:
 
     def filter_for(self, prepared: PreparedRequest) -> EchoFilter | None:
         """Return the filter for the bytes that follow this frame, None where no echo is expected."""
-        if self.state is OFF:
+        if self.state is ECHO_OFF:
             return None
         is_unknown = self.state is EchoState.UNKNOWN
         if is_unknown and prepared.is_mirrorable():

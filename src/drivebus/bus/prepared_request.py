@@ -13,7 +13,8 @@ from drivebus.errors import NotPermitted, ProtocolError
 from drivebus.protocols.codec import Complete, DecodeResult, Effect, Incomplete
 from drivebus.serial_settings import SerialSettings
 
-NO_EFFECT, _, MOTION, STOP = Effect  # reading a member from its class takes four times as long
+# Read from its class, a member takes four times as long.
+NO_EFFECT, MOTION_EFFECT, STOP_EFFECT = Effect.NONE, Effect.MOTION, Effect.STOP
 READ_ATTEMPTS = 2  # a read is retried once
 IDEMPOTENT_ATTEMPTS = 3  # an idempotent write is resent at most twice; every other frame is sent once
 
@@ -68,7 +69,7 @@ class PreparedRequest:
         self.is_broadcast = encoded.reply_bytes == 0
         self.permit: Permit | None = bus_request.permit
         self.priority = priority_of(bus_request, self.effect)
-        self.expires_at = None if self.effect is STOP else bus_request.expires_at
+        self.expires_at = None if self.effect is STOP_EFFECT else bus_request.expires_at
         self.is_sync_probe = is_sync_probe
         self.gap_s = station.gap_s
         self.usual_delay = station.usual_delay
@@ -80,9 +81,9 @@ class PreparedRequest:
 
     def _max_write_attempts(self) -> int:
         """Return 1 for motion, so that the bus never repeats a start; for a setting the permit decides."""
-        if self.is_broadcast or self.effect is MOTION:
+        if self.is_broadcast or self.effect is MOTION_EFFECT:
             return 1
-        if self.effect is STOP:
+        if self.effect is STOP_EFFECT:
             return IDEMPOTENT_ATTEMPTS
         return IDEMPOTENT_ATTEMPTS if self.permit and self.permit.retry_policy is RetryPolicy.IDEMPOTENT else 1
 
@@ -100,7 +101,7 @@ class PreparedRequest:
     def permit_error(self, now: float) -> NotPermitted | None:
         """Return why this frame may not be sent now, None if it may. Reads and stops need no permit."""
         effect, station, permit = self.effect, self.station, self.permit
-        if effect is NO_EFFECT or effect is STOP:
+        if effect is NO_EFFECT or effect is STOP_EFFECT:
             return None
         address = station.address
         if permit is None:
@@ -117,7 +118,7 @@ class PreparedRequest:
             return NotPermitted("bus.permit_expired", station=address, late_ms=round((now - permit.expires_at) * 1000))
         if permit.stop_epoch != station.stop_epoch:
             return NotPermitted("bus.permit_stopped", station=address)
-        if effect is MOTION and station.start_inhibited:
+        if effect is MOTION_EFFECT and station.start_inhibited:
             return NotPermitted("bus.start_inhibited", station=address)
         return None
 
@@ -155,7 +156,7 @@ def _check_broadcast(prepared: PreparedRequest, stations: Mapping[int, Station])
     """
     for station in stations.values():
         effect = station.config.effect_of(prepared.data)
-        if effect is not STOP:
+        if effect is not STOP_EFFECT:
             return NotPermitted("bus.broadcast", station=station.address, effect=effect.value)
     if not prepared.is_broadcast:
         return NotPermitted("bus.broadcast_answered", station=prepared.bus_request.station)
@@ -164,7 +165,7 @@ def _check_broadcast(prepared: PreparedRequest, stations: Mapping[int, Station])
 
 def priority_of(bus_request: BusRequest, effect: Effect) -> RequestPriority:
     """Return the priority: a stop is a stop whatever was requested, and nothing else uses its priority."""
-    if effect is STOP:
+    if effect is STOP_EFFECT:
         return RequestPriority.STOP
     return RequestPriority.COMMAND if bus_request.priority is RequestPriority.STOP else bus_request.priority
 

@@ -20,7 +20,7 @@ from collections.abc import Callable, Collection, Iterable
 from heapq import heapify, heappop, heappush, heapreplace
 
 from drivebus.bus.messages import BusRequest, RequestPriority
-from drivebus.bus.prepared_request import MOTION, NO_EFFECT, Poll, PreparedPoll, PreparedRequest
+from drivebus.bus.prepared_request import MOTION_EFFECT, NO_EFFECT, Poll, PreparedPoll, PreparedRequest
 from drivebus.bus.station import ProbeBudget, Station
 from drivebus.errors import Expired
 from drivebus.serial_settings import SerialSettings
@@ -338,4 +338,4 @@ def _sync_due_since(station: Station) -> float:
 
 def _is_command(prepared: PreparedRequest) -> bool:
     """Return whether a request is withdrawn with the commands of its station; a stop, of another priority, never is."""
-    return prepared.priority is COMMAND or prepared.effect is MOTION
+    return prepared.priority is COMMAND or prepared.effect is MOTION_EFFECT

@@ -258,6 +258,7 @@ class Transaction:
         return True
 
     def _apply_result(self, result: DecodeResult) -> None:
+        self.expected_result = None
         if isinstance(result, Incomplete):
             self.message = None
             self.bytes_needed = result.need
