@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import date
 from typing import Any
 
 import pytest
@@ -32,7 +33,9 @@ from verification.reference.effects import ReferenceWrite, RequestEffect
 from verification.reference.modbus import ModbusReference
 from verification.reference.request_effects import classify_request, decode_write
 from verification.reference.sunfar import SunfarReference
+from verification.scenario.rules import ClassifiedFrame, FrameRules
 from verification.scenario.scenario import Scenario
+from verification.scenario.user_command import UserCommand
 
 
 @pytest.fixture
@@ -467,6 +470,30 @@ def test_i8_an_error_that_escapes_from_a_command_is_found(campaign_run: Campaign
     scenario = make_scenario(campaign_run)
     scenario.finish(scenario.command_by(fails, 1, "run"))
     assert found(campaign_run, "I8")
+
+
+@pytest.mark.parametrize("is_ended", [False, True])
+def test_only_the_end_of_a_jog_may_go_before_a_commanded_stop_and_the_stop_stays_due(*, is_ended: bool) -> None:
+    """A jog ended, its drive had answered the stop of another user, and a second stop was commanded in that instant."""
+    violations: list[str] = []
+    rules = FrameRules(VC660, 0.001, violations.append)
+    jog, stop = (
+        UserCommand(number=number, address=1, method=method, arguments=(), at=at, day=date(2026, 1, 1))
+        for number, method, at in ((1, "jog", 0.0), (2, "stop", 3.05))
+    )
+
+    def send(at: float, effect: RequestEffect, command: UserCommand | None = None) -> None:
+        rules.on_request(ClassifiedFrame(at, at + 0.01, 1, effect, command), at - 0.5, answered=True)
+
+    send(1.0, RequestEffect.MOTION, jog)
+    send(2.0, RequestEffect.STOP)
+    send(3.0, RequestEffect.READ)
+    jog.ended_at = 3.0 if is_ended else None
+    rules.on_stop_command(stop, port_open=True)
+    send(4.0, RequestEffect.RELEASE)
+    assert [" rest to 1 was sent before a stop" in text for text in violations] == [True] * is_ended
+    send(5.0, RequestEffect.READ)
+    assert " read to 1 was sent before a stop" in violations[-1]
 
 
 def test_a_lease_can_be_renewed_in_virtual_time(campaign_run: CampaignRun) -> None:

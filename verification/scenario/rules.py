@@ -64,6 +64,8 @@ class FrameRules:
         self._jogged: set[int] = set()
         """Jogging addresses. The VC660 jogs by a level: the level bits at rest are the stop, until one of them was
         answered."""
+        self._jogs: dict[int, UserCommand] = {}
+        """Last jog that was sent, by address."""
 
     def on_stop_command(self, command: UserCommand, *, port_open: bool) -> None:
         """Require a stop as the next frame, unless the port is lost."""
@@ -92,6 +94,8 @@ class FrameRules:
             # VC660: the levels without the pulse complete the stop, also a broadcast one
             self._stop_commands.add(frame.address)
             return
+        if frame.effect is RequestEffect.RELEASE and self._is_end_of_jog(frame.address):
+            return
         if self._stop_due is not None and frame.start > self._stop_due + TIME_EPSILON_S:
             self._violation(
                 f"I3 {frame.effect} to {frame.address} was sent before a stop commanded at {self._stop_due:.6f}"
@@ -100,6 +104,14 @@ class FrameRules:
             self._check_permission(frame)
         else:
             self._status_reads[frame.address] += 1
+
+    def _is_end_of_jog(self, address: int) -> bool:
+        """Return whether the level bits at rest end a jog whose drive has answered another stop meanwhile.
+
+        That end was requested before: it may go before a commanded stop, which is still due after it.
+        """
+        jog = self._jogs.get(address)
+        return jog is not None and not jog.is_ended
 
     def _check_timing(
         self, frame: ClassifiedFrame, last: ClassifiedFrame, last_received_at: float, *, answered: bool
@@ -132,6 +144,7 @@ class FrameRules:
             self._stop_commands.add(frame.address)
             if command.method == "jog":
                 self._jogged.add(frame.address)
+                self._jogs[frame.address] = command
             self._check_command(frame, command, what)
 
     def _check_command(self, frame: ClassifiedFrame, command: UserCommand, what: str) -> None:
