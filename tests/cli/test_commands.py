@@ -125,6 +125,17 @@ def test_of_unknown_names_alone_each_is_named_and_no_port_is_opened() -> None:
     assert "c320 has no F0.300" in text and "c320 has no F1.999" in text
 
 
+@pytest.mark.parametrize("names", [("F0.300", "F1.999"), ("F0.300", "F0.1", "F1.999")])
+@pytest.mark.parametrize("dry_run", [(), ("--dry-run",)])
+def test_the_json_has_each_unknown_name_also_where_none_is_known(
+    names: tuple[str, ...], dry_run: tuple[str, ...]
+) -> None:
+    """Without a known name the document had the last name only; with ``--dry-run`` it had no name."""
+    found = run_json("read", "sim://c320@1", *names, *C320, *dry_run, code=2)
+    assert [one["params"]["name"] for one in found["refused"]] == ["F0.300", "F1.999"]
+    assert len(found["frames" if dry_run else "values"]) == len(names) - 2
+
+
 def test_a_write_is_confirmed_by_a_read_and_stays_in_the_drive() -> None:
     url = "sim://c320@1?name=written"
     assert run_json("write", url, "F1.10=1", *C320)["outcome"] == "confirmed"

@@ -197,15 +197,22 @@ class DryRun:
         if unlock is not None:
             self.add("unlock", [unlock])
 
-    def print(self, *notes: str) -> ExitCode:
-        """Print the frames; ``notes`` are catalogue keys."""
-        return print_plan(self.frames, self.serial_settings, [*self._notes, *((note, {}) for note in notes)])
+    def print(self, *notes: str, **more: Any) -> ExitCode:
+        """Print the frames; ``notes`` are catalogue keys, ``more`` are further members of the JSON document."""
+        all_notes = [*self._notes, *((note, {}) for note in notes)]
+        return print_plan(self.frames, self.serial_settings, all_notes, **more)
 
 
 def print_plan(
-    planned: Sequence[PlannedFrame], settings: SerialSettings, notes: Sequence[tuple[str, dict[str, Any]]] = ()
+    planned: Sequence[PlannedFrame],
+    settings: SerialSettings,
+    notes: Sequence[tuple[str, dict[str, Any]]] = (),
+    **more: Any,
 ) -> ExitCode:
-    """Print frames and the total time on the bus; ``notes`` are catalogue keys with their parameters."""
+    """Print frames and the total time on the bus.
+
+    ``notes`` are catalogue keys with their parameters, ``more`` are further members of the JSON document.
+    """
     total = sum(frame.bus_s for frame in planned)
     output.print_json(
         {
@@ -214,6 +221,7 @@ def print_plan(
             "frames": [frame.to_json() for frame in planned],
             "bus_s": round(total, 6),
             "notes": [output.text(note, **params) for note, params in notes],
+            **more,
         }
     )
     output.print_text(_plan_text(planned, settings, total))

@@ -29,15 +29,18 @@ _COMMA_IN_A_NAME = re.compile(r"\b([A-Za-z]+[0-9]*)[,，]([0-9]+)\b")
 
 
 async def _read(target: Target, names: tuple[str, ...]) -> ExitCode:
-    """Read the known names; return 2 if a name is unknown."""
+    """Read the known names; return 2 if a name is unknown. Opens no port where none is known."""
     entries, unknown = _find_entries(target.profile, names)
-    async with connect.open_drive(target) as (bus, drive):
-        readings = await drive.read(list(entries))
-        now = bus.now()
-    rows = [value_json(name, entries[name], readings[name], now) for name in entries]
+    rows: list[dict[str, Any]] = []
+    if entries:
+        async with connect.open_drive(target) as (bus, drive):
+            readings = await drive.read(list(entries))
+            now = bus.now()
+        rows = [value_json(name, entries[name], readings[name], now) for name in entries]
     target_json = {"port": target.port, "model": target.model, "address": target.address}
-    output.print_json(target_json | {"values": rows, "refused": [error_json(one)["error"] for one in unknown]})
-    output.print_text(values_table(rows, entries))
+    output.print_json(target_json | {"values": rows, "refused": _refused_json(unknown)})
+    if entries:
+        output.print_text(values_table(rows, entries))
     for error in unknown:
         print_error(error)
     if unknown:
@@ -48,7 +51,7 @@ async def _read(target: Target, names: tuple[str, ...]) -> ExitCode:
 def _find_entries(
     profile: DriveProfile, names: tuple[str, ...]
 ) -> tuple[dict[str, Signal | Parameter], list[ProfileError]]:
-    """Return the entries of the known names and the errors of the others. Raises ProfileError where none is known."""
+    """Return the entries of the known names and the errors of the others."""
     from drivebus.errors import ProfileError
     from drivebus.profiles.notation import find_entry
 
@@ -59,11 +62,11 @@ def _find_entries(
             entries[name] = find_entry(profile, name)
         except ProfileError as error:
             unknown.append(error)
-    if entries:
-        return entries, unknown
-    for rejected in unknown[:-1]:
-        print_error(rejected)
-    raise unknown[-1]
+    return entries, unknown
+
+
+def _refused_json(unknown: list[ProfileError]) -> list[dict[str, Any]]:
+    return [error_json(one)["error"] for one in unknown]
 
 
 def value_json(name: str, entry: Signal | Parameter, reading: Reading, now: float) -> dict[str, Any]:
@@ -119,7 +122,7 @@ def _plan(dry: DryRun, names: tuple[str, ...]) -> ExitCode:
             dry.add("read", [dry.dialect.read_parameter(entry)])
         else:
             dry.add("signals", [request for request, _ in dry.dialect.polls((entry.name,))])
-    code = dry.print("dry.note.sync")
+    code = dry.print("dry.note.sync", refused=_refused_json(unknown))
     for error in unknown:
         print_error(error)
     return ExitCode.USAGE if unknown else code
