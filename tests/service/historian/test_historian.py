@@ -7,7 +7,6 @@ import contextlib
 import math
 import random
 import re
-import shutil
 import sqlite3
 import subprocess
 import sys
@@ -28,6 +27,7 @@ from drivebus.service.live.views import Sample
 from drivebus.testing import virtual_time
 from drivebus.values import Quality, Text
 from fixtures.historian import NOON_MS, HistoryDatabase, compact_all, file_names, samples, samples_of, trend
+from peers import need_program
 
 HOUR = 3_600_000
 
@@ -273,9 +273,9 @@ async def test_a_copy_made_while_the_service_writes_is_whole(tmp_path: Path) -> 
         assert (await trend(restored, NOON_MS, NOON_MS + 200_000))["mean"] == [*range(100), None]
 
 
-@pytest.mark.skipif(shutil.which("sqlite3") is None, reason="the program sqlite3 is not installed")
 async def test_what_can_be_read_of_a_damaged_file_is_saved_by_the_command_on_the_page(tmp_path: Path) -> None:
     """The other pages of the file are read; docs/how-to/back-up-the-history.md has the command."""
+    need_program("sqlite3", "sqlite3")
     page = (Path(__file__).parents[3] / "docs" / "how-to" / "back-up-the-history.md").read_text(encoding="utf-8")
     (command,) = re.findall(r"^sqlite3 history.db .dump .*$", page, re.MULTILINE)
     values = [math.sin(n) for n in range(40_000)]
