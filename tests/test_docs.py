@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from importlib import import_module
 from itertools import islice
 from pathlib import Path
@@ -62,13 +63,43 @@ def test_the_list_of_components_has_every_pinned_package_and_every_file_of_the_p
     requirements = (ROOT / "requirements" / "base.txt").read_text(encoding="utf-8").splitlines()
     pinned = {line.split()[0] for line in requirements if line[:1].isalnum()}
     assert len(pinned) > 30
-    python = {f"{each['name']}=={each['version']}" for each in listed if each["purl"].startswith("pkg:pypi/")}
+    python = {f"{each['name']}=={each['version']}" for each in listed if each.get("purl", "").startswith("pkg:pypi/")}
     assert python == pinned
     vendored = ROOT / "src" / "drivebus" / "web" / "vendor"
-    hashes = {each["hashes"][0]["content"] for each in listed if each["purl"].startswith("pkg:npm/")}
+    hashes = {each["hashes"][0]["content"] for each in listed if each.get("purl", "").startswith("pkg:npm/")}
     files = [*vendored.glob("*.js"), *vendored.glob("*.css")]
     assert len(files) == 7
     assert hashes == {hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+
+
+def test_the_list_of_components_has_a_licence_of_each_and_the_marker_of_packages_for_some_platforms() -> None:
+    """It named ``pywin32`` as a part of each installation, and no licence of a Python package."""
+    listed = json.loads((ROOT / "docs" / "security" / "sbom.cdx.json").read_text(encoding="utf-8"))["components"]
+    assert [each["name"] for each in listed if not each.get("licenses")] == []
+    markers = {each["name"]: each["properties"][0]["value"] for each in listed if each.get("scope") == "optional"}
+    assert markers == {"pycparser": "implementation_name != 'PyPy'", "pywin32": "sys_platform == 'win32'"}
+
+
+def test_the_licence_of_the_project_covers_each_file_of_another_project() -> None:
+    """The letters that look alike, the frequent passwords and the libraries of the page have licences of their own."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    document = json.loads((ROOT / "docs" / "security" / "sbom.cdx.json").read_text(encoding="utf-8"))
+    assert document["metadata"]["component"]["licenses"] == [{"expression": project["license"]}]
+    foreign = [each for each in document["components"] if not each.get("purl", "").startswith("pkg:pypi/")]
+    assert set(project["license"].split(" AND ")) == {
+        "Apache-2.0",
+        *(each["licenses"][0]["license"]["id"] for each in foreign),
+    }
+    package = ROOT / "src" / "drivebus"
+    with_notice = {
+        str(file.relative_to(package))
+        for file in package.rglob("*.txt")
+        if "vendor" not in file.parts and "permission notice" in file.read_text(encoding="utf-8")
+    }
+    data = {each["bom-ref"]: each for each in foreign if each["type"] == "data"}
+    assert with_notice == set(data)
+    for name, each in data.items():
+        assert each["hashes"][0]["content"] == hashlib.sha256((package / name).read_bytes()).hexdigest()
 
 
 def test_every_model_has_its_page_in_both_languages_and_no_page_is_left_over() -> None:
