@@ -17,6 +17,7 @@ from playwright.sync_api import sync_playwright
 
 IMAGES = Path(__file__).parent / "images"
 PORT = 8097
+BROWSER = "/usr/bin/chromium-headless-shell"  # of Debian, as the tests of the page use
 HISTORY_TAGS = ",".join(f"{drive}.output_frequency" for drive in ("conveyor-1", "conveyor-2", "fan-1", "fan-2"))
 TRIP_S = 28.0  # after the first output of the demo
 HISTORY_LOAD_S = 3.0  # until the trend is drawn
@@ -56,7 +57,7 @@ def main() -> None:
 
 def _draw(address: str) -> None:
     with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox", "--disable-gpu"])
+        browser = driver.chromium.launch(executable_path=BROWSER, args=["--no-sandbox", "--disable-gpu"])
         first = browser.new_context()
         page = first.new_page()
         page.goto(address)
