@@ -44,10 +44,8 @@ def test_an_unexpected_error_is_recorded_as_unknown_and_raised(operation: str, e
                 await kit.call(operation, drive="fan-1", **OPERATIONS[operation])
             *requested, ended = records(kit, operation)
             assert requested == [("requested", None, None)]
-            linked = (
-                operation != "drive.stop" or error is not asyncio.CancelledError
-            )  # a cancelled stop awaits no number
-            number = len(kit.trail.entries) - 1 if linked else None
+            awaits_no_number = operation == "drive.stop" and error is asyncio.CancelledError
+            number = None if awaits_no_number else len(kit.trail.entries) - 1
             assert ended == ("unknown", error.__name__, number)
 
     run(scenario())

@@ -1,4 +1,4 @@
-"""``CommandAge``: when a command and its checks have taken so long that the user no longer expects its effect."""
+"""Age of a command and of its checks, and the limits beyond which the user no longer expects its effect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names of users: which are permitted, and which look alike."""
+"""Names of users: the check of a new name, and the comparison of names that look alike."""
 
 from __future__ import annotations
 
