@@ -122,7 +122,7 @@ def _plan(dry: DryRun, names: tuple[str, ...]) -> ExitCode:
             dry.add("read", [dry.dialect.read_parameter(entry)])
         else:
             dry.add("signals", [request for request, _ in dry.dialect.polls((entry.name,))])
-    code = dry.print("dry.note.sync", refused=_refused_json(unknown))
+    code = dry.print(*(["dry.note.sync"] if entries else ()), refused=_refused_json(unknown))
     for error in unknown:
         print_error(error)
     return ExitCode.USAGE if unknown else code
