@@ -27,6 +27,8 @@ from drivebus.gateways import process
 from drivebus.service.auth.actor import local_actor
 from drivebus.service.config.model import GatewayConfig
 from drivebus.service.ipc.client import SocketClient
+from drivebus.service.process import gateways
+from drivebus.service.process.gateway_arguments import ADDRESS_USED_EXIT_CODE
 from drivebus.service.process.gateways import RELOAD_LINE, ChildProcess, GatewaySupervisor, report_used_ports
 from drivebus.types import Json
 from fixtures.child_process import COMMAND
@@ -372,6 +374,47 @@ async def test_the_service_notifies_a_gateway_whose_table_did_not_change() -> No
     child.notify_reload()
     assert await asyncio.wait_for(codes.get(), TIMEOUT_S) == 1
     await child.close()
+
+
+PORT_TAKEN_AFTER_FIRST_RUN = """
+import errno, pathlib, sys
+from drivebus.errors import ConfigurationError
+from drivebus.gateways.process import run_gateway
+
+async def serve(client, arguments, ending):
+    used = OSError(errno.EADDRINUSE, "used")
+    raise ConfigurationError("auth.can_not_listen", host="h", port=1, problem="p") from used
+
+if not pathlib.Path(sys.argv[1]).exists():
+    pathlib.Path(sys.argv[1]).touch()
+    sys.exit(1)
+sys.exit(run_gateway("toy", type(None), serve))
+"""
+
+
+async def test_a_port_that_is_taken_after_a_steady_run_is_reported_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Every restart counted as a retry: a page that crashed after days and found its port used gave no reason."""
+    monkeypatch.setenv("DRIVEBUS_LANG", "en")
+    monkeypatch.setattr(gateways, "FIRST_RESTART_PAUSE_S", 0.01)
+    script = (sys.executable, "-c", PORT_TAKEN_AFTER_FIRST_RUN, str(tmp_path / "ran"))
+    monkeypatch.setattr(gateways, "module_command", lambda module: script)
+    config = SimpleNamespace(
+        gateways=(GatewayConfig(id="toy", module="toy", settings=None),),
+        directory=tmp_path,
+        user_file=tmp_path / "users.json",
+    )
+    first_run_s = iter((0.0, 120.0))
+    plant = SimpleNamespace(
+        config=config, gateways={}, now=lambda: next(first_run_s, 120.0), publish_event=lambda *_, **__: None
+    )
+    supervisor = GatewaySupervisor(plant)  # type: ignore[arg-type]
+    supervisor.on_reload()
+    await wait_until(lambda: plant.gateways["toy"].starts >= 4)
+    await supervisor.close()
+    assert plant.gateways["toy"].exit_code == ADDRESS_USED_EXIT_CODE
+    assert capfd.readouterr().err.count("Can't listen on h:1") == 1
 
 
 async def test_a_gateway_learns_that_the_plant_had_users_when_the_service_started(

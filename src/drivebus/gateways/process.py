@@ -13,7 +13,7 @@ from typing import TypeVar
 from drivebus import i18n
 from drivebus.errors import ConfigurationError
 from drivebus.service.ipc.client import SocketClient
-from drivebus.service.process.gateway_arguments import GatewayArguments, decode_arguments
+from drivebus.service.process.gateway_arguments import ADDRESS_USED_EXIT_CODE, GatewayArguments, decode_arguments
 from drivebus.service.process.logging_setup import configure_logging
 from drivebus.service.process.tuning import NICE_GATEWAY, raise_file_limit, set_nice
 
@@ -27,8 +27,8 @@ def run_gateway(name: str, settings: type[T], serve: Serve[T], on_reload: Callab
     """Run a gateway until SIGTERM or the end of the service; return its exit code.
 
     ``on_reload`` is called after each reload of the configuration that leaves the gateway's settings as they are.
-    The code is 2 for arguments or settings that cannot be used. The reason is printed; an address that another program
-    uses only once, and not at each retry.
+    The code is ``ADDRESS_USED_EXIT_CODE`` where another program uses the address, which is printed once and not at each
+    retry, and 2 for other arguments or settings that cannot be used, whose reason is printed.
     """
     set_nice(NICE_GATEWAY)
     raise_file_limit()
@@ -41,9 +41,10 @@ def run_gateway(name: str, settings: type[T], serve: Serve[T], on_reload: Callab
     try:
         asyncio.run(_run(arguments, serve, on_reload))
     except ConfigurationError as error:
-        if not (arguments.is_retry and _is_of_used_address(error)):
+        address_used = _is_of_used_address(error)
+        if not (arguments.address_use_reported and address_used):
             print(error.text(i18n.preferred()), file=sys.stderr, flush=True)
-        return 2
+        return ADDRESS_USED_EXIT_CODE if address_used else 2
     return 0
 
 

@@ -18,6 +18,8 @@ from drivebus.service.config.model import GatewayConfig, PlantConfig
 from drivebus.service.ipc.protocol import SERVICE_SOCKET, socket_path
 from drivebus.service.process.logging_setup import LogFormat
 
+ADDRESS_USED_EXIT_CODE = 98
+"""Exit code of a gateway at whose address another program listens: the number of EADDRINUSE on Linux."""
 AddressOutput = Literal["plain", "json", "none"]
 """Output of the address that a gateway listens at: as text, as a line of JSON, or not at all."""
 
@@ -38,8 +40,8 @@ class GatewayArguments(Generic[T]):
     """Whether the plant had users when the service started: their file may be gone when the process starts again."""
     address_output: AddressOutput = "plain"
     log_format: LogFormat = "text"
-    is_retry: bool = False
-    """The process before it ended soon after its start: that another program uses its address is reported already."""
+    address_use_reported: bool = False
+    """The process before it ended because another program uses the address, and reported that."""
 
 
 def has_users(plant: PlantConfig) -> bool:

@@ -19,6 +19,7 @@ from drivebus import i18n
 from drivebus.errors import SystemReason
 from drivebus.service.config.model import GatewayConfig, PlantConfig
 from drivebus.service.process.gateway_arguments import (
+    ADDRESS_USED_EXIT_CODE,
     AddressOutput,
     GatewayArguments,
     encode_arguments,
@@ -54,7 +55,7 @@ class ChildProcess:
     ) -> None:
         """``arguments`` are written to its standard input, which stays open.
 
-        ``retry_arguments`` take their place after an exit soon after a start; None: ``arguments`` every time.
+        ``retry_arguments`` take their place after an exit with ``ADDRESS_USED_EXIT_CODE``; None: ``arguments`` always.
         ``on_start`` gets its process id; ``on_exit`` its exit code, and whether it exited soon after a restart.
         """
         self._command, self._now = tuple(command), now
@@ -71,9 +72,11 @@ class ChildProcess:
         if after is not None:
             await asyncio.wait([after])
         pause_s, repeated = FIRST_RESTART_PAUSE_S, False
+        code = None
         while True:
             started_at = self._now()
-            code = await self._run_once(self._retry_arguments if repeated else self._arguments)
+            is_retry = code == ADDRESS_USED_EXIT_CODE
+            code = await self._run_once(self._retry_arguments if is_retry else self._arguments)
             if self._now() - started_at >= STEADY_RUN_S:
                 pause_s, repeated = FIRST_RESTART_PAUSE_S, False
             self._on_exit(code, repeated)
@@ -174,7 +177,7 @@ class GatewaySupervisor(PlantListener):
             module_command(config.module),
             encode_arguments(arguments),
             self._plant.now,
-            retry_arguments=encode_arguments(replace(arguments, is_retry=True)),
+            retry_arguments=encode_arguments(replace(arguments, address_use_reported=True)),
             on_start=on_start,
             on_exit=on_exit,
         )
