@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from typing import Any
 
 import pytest
 
+from drivebus import i18n
+from drivebus.service.audit import AuditEntry
 from drivebus.testing.virtual_time import run
 from fixtures.service import ServiceKit, running_service
 
@@ -47,6 +50,31 @@ def test_an_unexpected_error_is_recorded_as_unknown_and_raised(operation: str, e
             awaits_no_number = operation == "drive.stop" and error is asyncio.CancelledError
             number = None if awaits_no_number else len(kit.trail.entries) - 1
             assert ended == ("unknown", error.__name__, number)
+
+    run(scenario())
+
+
+def test_a_record_of_the_request_that_fails_unexpectedly_does_not_lose_that_of_the_outcome(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The stop was done, and the trail had no trace of it."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(2)
+            logged: list[str] = []
+            monkeypatch.setattr(logging.getLogger("drivebus.service"), "exception", logged.append)
+            record = kit.trail.record
+
+            async def fail_request(entry: AuditEntry) -> int:
+                if entry.outcome == "requested":
+                    raise ZeroDivisionError
+                return await record(entry)
+
+            monkeypatch.setattr(kit.trail, "record", fail_request)
+            await kit.call("drive.stop", drive="fan-1")
+            assert records(kit, "drive.stop") == [("confirmed", None, None)]
+            assert logged == [i18n.preferred_text("log.record_failed")]
 
     run(scenario())
 

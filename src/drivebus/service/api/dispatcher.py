@@ -1,16 +1,18 @@
 """Dispatcher of operations: right, parameters, state of the service, audit record, handler.
 
-The checks are made in this order. A command is recorded before its first frame is sent and after it is done; a stop is
-queued first, recorded while it is sent, and again after it is done.
+The checks are made in this order. A command is recorded before its first frame is sent and after it is done. A stop
+waits for no record: it is recorded while it is sent, and again after it is done.
 """
 
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from drivebus import i18n
 from drivebus.errors import (
     AuditUnavailable,
     DrivebusError,
@@ -46,6 +48,7 @@ from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
 
+LOG = logging.getLogger("drivebus.service")
 MAX_RECORDING_S = 2.0  # a command whose audit record took longer is expired
 STOP_AUDIT_TIMEOUT_S = 1.0  # a stop never waits longer for its audit record
 TARGET_PARAMS = ("drive", "group", "alarm", "bus", "incident")  # the first that is given is the target of the record
@@ -118,7 +121,8 @@ class Dispatcher:
         No frame waits for a record; the client waits at most ``STOP_AUDIT_TIMEOUT_S`` for that of the outcome.
         """
         entry = _audit_entry(operation, params.model_dump(), actor)
-        # A task begins when the handler waits for the first time: its frames are queued then.
+        # A task begins when the handler waits for the first time. The frame of a single drive is queued by then; those
+        # of several drives are queued by tasks that begin after this one has queued the entry for the writer's thread.
         requested = asyncio.ensure_future(self._number_of_record(replace(entry, outcome="requested")))
         try:
             result = await handler(params, actor)
@@ -232,10 +236,13 @@ class Dispatcher:
             self._record_nowait(entry)
 
     async def _number_of_record(self, entry: AuditEntry) -> int | None:
-        """Write an entry that has another one after it; return its number, None where the trail fails."""
+        """Write an entry that has another one after it; return its number, None where that fails."""
         try:
             return await self._record(entry)
         except AuditUnavailable:
+            return None
+        except Exception:  # no reason to lose the outcome as well
+            LOG.exception(i18n.preferred_text("log.record_failed"))
             return None
 
     async def _record_soon(self, entry: AuditEntry, requested: Awaitable[int | None]) -> None:
