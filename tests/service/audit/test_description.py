@@ -158,6 +158,11 @@ def test_a_write_of_many_parameters_shows_the_first_ones() -> None:
         ("done, unchanged", "Done; Unchanged", "已完成；未变"),
         ("bus.no_reply", "not done (bus.no_reply)", "未执行（bus.no_reply）"),
         ("runs_on", "the motor kept running", "电机继续运行"),
+        (
+            "decelerating",
+            "sent; the motor was decelerating when the service ended",
+            "已发送；服务结束时电机正在减速",
+        ),
         ("NotInTheCatalogue", "NotInTheCatalogue", "NotInTheCatalogue"),
     ],
 )

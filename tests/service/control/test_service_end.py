@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import pytest
 
@@ -13,6 +16,7 @@ from drivebus.errors import (
     ServiceUnavailable,
     Superseded,
 )
+from drivebus.service.audit import AuditEntry
 from drivebus.service.config.model import BusConfig, GroupConfig, OnServiceStop
 from drivebus.service.control.stops import DECELERATING
 from drivebus.simulator.motor import OutputPhase
@@ -271,7 +275,44 @@ def test_a_stopping_service_does_not_wait_for_a_long_ramp() -> None:
             await ready(kit, "fan-1")
             await asyncio.sleep(15)
             started_at = kit.service.plant.now()
+            number = len(kit.trail.entries) + 1
             assert await kit.service.stop() == {"fan-1": DECELERATING}
             assert kit.service.plant.now() - started_at <= 3.0
+            recorded = [(one.outcome, one.of) for one in kit.trail.entries if one.what == "drive.stop"]
+            assert recorded == [("requested", None), ("decelerating", number)], "it was recorded as unknown"
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("broken", [False, True], ids=["trail that works", "trail that fails"])
+def test_an_ending_service_records_its_stops_after_their_first_frames_are_queued(
+    broken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The request of every drive was recorded before the first stop began, and no outcome named its request."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await ready(kit, "fan-1", "fan-2")
+            drives = [kit.service.plant.drives[id].drive for id in ("fan-1", "fan-2")]
+            begun: list[bool] = []
+
+            def watched(entry: AuditEntry, record: Callable[[AuditEntry], Any]) -> Any:
+                if entry.outcome == "requested":
+                    begun.extend(drive.stopping for drive in drives)
+                return record(entry)
+
+            for name in ("record", "record_nowait"):
+                monkeypatch.setattr(kit.trail, name, partial(watched, record=getattr(kit.trail, name)))
+            kit.trail.entries.clear()
+            kit.trail.broken = broken
+            await kit.service.stop()
+            assert begun and all(begun)
+            recorded = [(one.target, one.outcome, one.of) for one in kit.trail.entries]
+            assert recorded == [
+                ("fan-1", "requested", None),
+                ("fan-2", "requested", None),
+                ("fan-1", "confirmed", None if broken else 1),
+                ("fan-2", "confirmed", None if broken else 2),
+            ]
 
     run(scenario())

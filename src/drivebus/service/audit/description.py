@@ -26,7 +26,7 @@ MAX_VALUES = 8
 MAX_DRIVES = 6
 """Drives of one command that are named; the rest is counted."""
 OUTCOMES = frozenset({"requested", "confirmed", "acknowledged", "refused", "failed", "unknown", "done"})
-OTHER_OUTCOMES = frozenset({"unchanged", *map(str, CommLossResult)})
+OTHER_OUTCOMES = frozenset({"decelerating", "unchanged", *map(str, CommLossResult)})
 """Outcomes that only the audit trail has a sentence for."""
 SINGLE_VALUES = ("minimum_hz", "maximum_hz", "minutes", "role", "records", "octets")
 """Parameters with a sentence ``audit.detail.<name>`` of their value alone."""

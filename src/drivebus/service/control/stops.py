@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from drivebus.drives import stop_bus
 from drivebus.drives.bus_stop import StopReport
 from drivebus.drives.state import DriveState
-from drivebus.errors import DrivebusError
+from drivebus.errors import AuditUnavailable, DrivebusError
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import error_to_json, outcome_json
 from drivebus.service.api.handlers import handles
@@ -21,6 +21,7 @@ from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import OnServiceStop
 from drivebus.service.control.drive_commands import DriveCommands, repeated_stop
 from drivebus.service.runtime.drive import DriveRuntime
+from drivebus.service.runtime.failure_log import failure_logged
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
 from drivebus.values import Text
@@ -119,13 +120,14 @@ class StopCommands:
         plant = self.plant
         timeout_at = plant.now() + SERVICE_STOP_TIMEOUT_S
         stops: dict[DriveRuntime, asyncio.Task[Json]] = {}
+        requests: dict[DriveRuntime, asyncio.Task[int | None]] = {}
         while plant.now() < timeout_at:
             others = [runtime for runtime in plant.drives.values() if runtime not in stops]
             started = [runtime for runtime in others if _stops_with_service(runtime)]
             plant.record_stop_request(*started, by=actor.name, kind="service")
             stops |= {runtime: asyncio.create_task(self._stop_one(runtime, actor, len(started))) for runtime in started}
-            for runtime in started:
-                self._record(runtime, actor, {"status": "requested"})
+            # These tasks begin after those of the stops, whose first frames are queued then.
+            requests |= {runtime: asyncio.create_task(self._record_request(runtime, actor)) for runtime in started}
             awaited = any(other.awaits_first_read or other.drive.stopping for other in others)
             if all(task.done() for task in stops.values()) and not awaited:
                 break
@@ -135,22 +137,37 @@ class StopCommands:
         }
         for runtime in plant.drives.values():
             if runtime in stops:
-                self._record(runtime, actor, outcomes[runtime.id] or {})
+                self._record_outcome(runtime, actor, outcomes[runtime.id] or {}, requests[runtime])
                 continue
             if runtime.drive.stopping:
                 outcomes[runtime.id] = _unfinished(runtime)
             elif key := _left_running(runtime):
                 plant.publish_event("not_stopped", runtime.id, key, actor=actor.name)
-        for task in stops.values():  # the stops have been sent; their confirmation is not waited for
+        # The stops have been sent, the records are queued: neither is waited for.
+        unfinished = [*stops.values(), *requests.values()]
+        for task in unfinished:
             task.cancel()
-        await asyncio.gather(*stops.values(), return_exceptions=True)
+        await asyncio.gather(*unfinished, return_exceptions=True)
         return outcomes
 
-    def _record(self, runtime: DriveRuntime, actor: Actor, outcome: Json) -> None:
-        """Record a stop of the service that no operation requested. Never waits."""
-        status = str(outcome.get("status") or outcome.get("code") or "unknown")
+    async def _record_request(self, runtime: DriveRuntime, actor: Actor) -> int | None:
+        """Record that the ending service stops a drive; return the record's number, None where it is written later."""
+        entry = AuditEntry.by(actor, DRIVE_STOP.name, target=runtime.id, outcome="requested")
+        with failure_logged():
+            try:
+                return await self.plant.audit.record(entry)
+            except AuditUnavailable:
+                self.plant.audit.record_nowait(entry)
+        return None
+
+    def _record_outcome(
+        self, runtime: DriveRuntime, actor: Actor, outcome: Json, request: asyncio.Task[int | None]
+    ) -> None:
+        """Record how the stop of a drive ended, or that it decelerates. Never waits, also not for ``request``."""
+        status = str(outcome.get("status") or outcome.get("code") or outcome.get("state") or "unknown")
+        number = request.result() if request.done() else None
         frames = outcome.get("frames", ())
-        entry = AuditEntry.by(actor, DRIVE_STOP.name, target=runtime.id, outcome=status, frames=frames)
+        entry = AuditEntry.by(actor, DRIVE_STOP.name, target=runtime.id, outcome=status, frames=frames, of=number)
         self.plant.audit.record_nowait(entry)
 
 
