@@ -386,7 +386,14 @@ def test_the_page_can_stop_drives_until_the_stops_of_an_ending_service_are_done(
         assert process.returncode == ExitCode.UNKNOWN
     assert f"fan-1: {i18n.text('serve.decelerating', 'en')}" in errors, errors
     trail = [json.loads(line) for line in (state / "audit.jsonl").read_text().splitlines()]
-    assert [one["target"] for one in trail if one["what"] == "drive.stop"] == ["fan-2"], errors
+    stops = [one for one in trail if one["what"] == "drive.stop"]
+    fan_1, fan_2 = (one["n"] for one in stops[:2])
+    assert [(one["target"], one["outcome"], one["of"]) for one in stops] == [
+        ("fan-1", "requested", None),
+        ("fan-2", "requested", None),
+        ("fan-2", "confirmed", fan_2),
+        ("fan-1", "decelerating", fan_1),
+    ], errors
 
 
 def children(pid: int) -> list[int]:
