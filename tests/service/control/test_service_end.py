@@ -316,3 +316,16 @@ def test_an_ending_service_records_its_stops_after_their_first_frames_are_queued
             ]
 
     run(scenario())
+
+
+def test_an_ending_service_does_not_wait_for_a_disk_that_hangs() -> None:
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await ready(kit, "fan-1")
+            kit.trail.delay_s = 60.0
+            started_at = kit.service.plant.now()
+            assert (await kit.service.stop())["fan-1"]["status"] == "confirmed"
+            assert kit.service.plant.now() - started_at <= 3.0
+            assert (kit.trail.entries[-1].outcome, kit.trail.entries[-1].of) == ("confirmed", None)
+
+    run(scenario())
