@@ -347,29 +347,30 @@ def decode_whole_request(codec: Codec, frame: bytes) -> Any | None:
 
 def signal_reading(signal: Signal, raw: int, at: float | None) -> Reading:
     """Return the reading of a signal's raw word, checked for its coding and plausible range."""
-    try:
-        value = signal.scale.value(raw)
-    except ValueError:
-        return Reading(
-            value=None, unit=signal.unit, quality=Quality.BAD, source_time=at, reason="drives.not_decimal", raw=raw
-        )
-    return with_plausibility(
-        signal, Reading(value=value, unit=signal.unit, quality=Quality.GOOD, source_time=at, reason=None, raw=raw)
-    )
+    reading = _scaled_reading(signal, raw, at)
+    return reading if reading.quality is Quality.BAD else with_plausibility(signal, reading)
 
 
 def parameter_reading(parameter: Parameter, raw: int, at: float | None) -> Reading:
     """Return the reading of a parameter's raw word by the profile's scale."""
+    reading = _scaled_reading(parameter, raw, at)
+    return reading if reading.quality is Quality.BAD else _with_uncertainty(parameter, reading)
+
+
+def _scaled_reading(entry: Signal | Parameter, raw: int, at: float | None) -> Reading:
+    """Return the value of a raw word as a good reading, or a bad one where its coding forbids the word."""
     try:
-        value = parameter.scale.value(raw)
+        value = entry.scale.value(raw)
     except ValueError:
         return Reading(
-            value=None, unit=parameter.unit, quality=Quality.BAD, source_time=at, reason="drives.not_decimal", raw=raw
+            value=None, unit=entry.unit, quality=Quality.BAD, source_time=at, reason="drives.not_decimal", raw=raw
         )
-    quality = Quality.UNCERTAIN if parameter.uncertain else Quality.GOOD
-    return Reading(
-        value=value, unit=parameter.unit, quality=quality, source_time=at, reason=parameter.uncertain, raw=raw
-    )
+    return Reading(value=value, unit=entry.unit, quality=Quality.GOOD, source_time=at, reason=None, raw=raw)
+
+
+def _with_uncertainty(entry: Signal | Parameter, reading: Reading) -> Reading:
+    """Return the reading, as uncertain where the scale of its entry is not published."""
+    return replace(reading, quality=Quality.UNCERTAIN, reason=entry.uncertain) if entry.uncertain else reading
 
 
 def with_plausibility(signal: Signal, reading: Reading) -> Reading:
@@ -377,9 +378,7 @@ def with_plausibility(signal: Signal, reading: Reading) -> Reading:
     value = reading.value
     if isinstance(value, (int, float)) and _is_out_of_range(signal, value):
         return replace(reading, quality=Quality.UNCERTAIN, reason="drives.implausible")
-    if signal.uncertain:
-        return replace(reading, quality=Quality.UNCERTAIN, reason=signal.uncertain)
-    return reading
+    return _with_uncertainty(signal, reading)
 
 
 def without_item_echo(reading: Reading) -> Reading:

@@ -78,14 +78,18 @@ class GroupCommands:
     async def arm_start(self, params: GroupParams, actor: Actor) -> Json:
         """Issue the token of a start. Fails for every reason for which the start itself would."""
         group, runtimes = self._require_control(params.group, actor)
-        for runtime in runtimes:
-            check_start(self.plant, runtime)
-        _check_none_tripped(group, runtimes)
-        _check_followers_online(group, runtimes)
+        self._check_may_start(group, runtimes)
         return {
             "arm_token": self.plant.arm_tokens.issue(arm_target_of_group(group.id), actor, self.plant.now()),
             "expires_s": ARM_TTL_S,
         }
+
+    def _check_may_start(self, group: GroupConfig, runtimes: list[DriveRuntime]) -> None:
+        """Check what forbids the start of a group at any frequency. Raises the error of the first check that fails."""
+        for runtime in runtimes:
+            check_start(self.plant, runtime)
+        _check_none_tripped(group, runtimes)
+        _check_followers_online(group, runtimes)
 
     @handles(GROUP_START)
     async def start(self, params: GroupStartParams, actor: Actor, ticket: CommandTicket) -> Json:
@@ -97,11 +101,9 @@ class GroupCommands:
         group, runtimes = self._require_control(params.group, actor)
         if group.id in self.progress:
             raise Superseded("plant.group_starting", group=group.id)
+        self._check_may_start(group, runtimes)
         for runtime in runtimes:
-            check_start(self.plant, runtime)
             _check_member_frequency(group, runtime, params.frequency_hz)
-        _check_none_tripped(group, runtimes)
-        _check_followers_online(group, runtimes)
         self.plant.arm_tokens.consume(params.arm_token, arm_target_of_group(group.id), actor, self.plant.now())
         self.progress[group.id] = 0
         start = _GroupStart(group, runtimes, params, actor)
