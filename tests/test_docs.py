@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tomllib
 from importlib import import_module
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 from types import FunctionType
 
@@ -231,10 +231,11 @@ def test_both_changelogs_have_the_same_headings_with_as_many_entries_under_each(
 
 
 @pytest.mark.parametrize("page", ["CHANGELOG.md", "CHANGELOG.zh.md"])
-def test_an_entry_of_the_changelog_stands_once_and_a_fix_under_the_heading_of_its_subject(page: str) -> None:
+def test_an_entry_of_the_changelog_stands_once_and_under_the_heading_of_its_subject(page: str) -> None:
     sections = changelog_entries(page)
-    fixed = next(number for number, (level, *_) in enumerate(sections) if level == "####") - 1
-    assert sections[fixed][1:] == [], "move the entry under the #### heading of its subject, in both languages"
+    divided = [section for section, (level, *_) in pairwise(sections) if level == "####"]
+    above = [entries for level, *entries in divided if level == "###" and entries]
+    assert above == [], "move the entry under the #### heading of its subject, in both languages"
     entries = [entry for _, *section in sections for entry in section]
     assert len(entries) > 150
     assert len(entries) == len(set(entries))
