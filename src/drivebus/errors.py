@@ -35,6 +35,7 @@
         ├── ArmRequired         a remote start takes two steps
         ├── Interlocked         an interlock forbids the start
         ├── WaiverRequired      the drive may run on when this host fails, and no waiver permits that
+        ├── TooManyCommands     the records of refused commands would fill the audit trail
         ├── AuditUnavailable    the start can't be written into the audit trail
         └── ServiceUnavailable  the service does not answer
 
@@ -337,6 +338,12 @@ class Interlocked(ServiceError):
 
 class WaiverRequired(ServiceError):
     """The drive may run on when this host fails, and no waiver permits its start."""
+
+
+class TooManyCommands(ServiceError):
+    """Too many commands of this user were refused or sent nothing. ``retry_s`` is the waiting time in seconds."""
+
+    retryable = True
 
 
 class AuditUnavailable(ServiceError):

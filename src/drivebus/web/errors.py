@@ -17,6 +17,7 @@ from drivebus.errors import DrivebusError
 from drivebus.service.api.errors import build_error_json, error_to_json
 from drivebus.service.auth import errors as auth_errors
 from drivebus.service.ipc.service_client import ServiceErrorReply
+from drivebus.types import Json
 
 LOG = logging.getLogger(__name__)
 
@@ -61,6 +62,7 @@ HTTP_STATUS: tuple[tuple[type[DrivebusError], int], ...] = (
     (errors.NotFound, 404),
     (errors.InvalidParameters, 422),
     (errors.PermissionDenied, 403),
+    (errors.TooManyCommands, 429),
     (errors.AuditUnavailable, 503),
     (errors.ServiceUnavailable, 503),
     (errors.ServiceError, 409),
@@ -95,12 +97,12 @@ def _status_by_name(name: str) -> int:
 
 def error_headers(error: DrivebusError) -> dict[str, str]:
     """Return ``Allow`` (RFC 9110, 15.5.6) and ``Retry-After`` in whole seconds, where the error has them."""
-    headers = {}
-    if "allowed" in error.params:
-        headers["Allow"] = ", ".join(error.params["allowed"])
-    if error.params.get("retry_s") is not None:
-        headers["Retry-After"] = str(int(error.params["retry_s"]) + 1)
-    return headers
+    headers = {"Allow": ", ".join(error.params["allowed"])} if "allowed" in error.params else {}
+    return headers | _retry_header(error.params)
+
+
+def _retry_header(params: Json) -> dict[str, str]:
+    return {} if params.get("retry_s") is None else {"Retry-After": str(int(params["retry_s"]) + 1)}
 
 
 async def send_error(send: Send, error: DrivebusError) -> None:
@@ -131,7 +133,8 @@ def install_error_handlers(app: FastAPI) -> None:
 
 async def _forward_service_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, ServiceErrorReply)
-    return _response(error.payload, _status_by_name(error.kind), {"Cache-Control": "no-store"})
+    headers = {"Cache-Control": "no-store", **_retry_header(error.params)}
+    return _response(error.payload, _status_by_name(error.kind), headers)
 
 
 async def _drivebus_error(request: Request, error: Exception) -> Response:

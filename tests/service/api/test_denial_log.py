@@ -8,7 +8,14 @@ from typing import Any
 import pytest
 
 from drivebus.errors import ServiceUnavailable
-from drivebus.service.api.denial_log import ANONYMOUS, MAX_KINDS_PER_PERIOD, SUMMARY_PERIOD_S, DenialLog, try_record
+from drivebus.service.api.denial_log import (
+    ANONYMOUS,
+    MAX_KINDS_PER_PERIOD,
+    SUMMARY_PERIOD_S,
+    DenialKind,
+    DenialLog,
+    try_record,
+)
 from drivebus.service.auth.actor import Actor
 from drivebus.testing.virtual_time import run
 from fixtures.web_app import CountingService
@@ -145,9 +152,9 @@ def test_a_denial_while_the_last_counts_are_written_is_recorded_at_once_and_leav
         closing = asyncio.create_task(denials.close())
         await asyncio.sleep(0.5)
         for _ in range(2):
-            assert await denials.count_denial("POST", "/stop", "k", EVE), "the caller records it"
+            assert await denials.count(DenialKind.of("refused", "POST /stop", "k", EVE)), "the caller records it"
         await closing
-        assert await denials.count_denial("POST", "/stop", "k", EVE), "nor is a later one counted"
+        assert await denials.count(DenialKind.of("refused", "POST /stop", "k", EVE)), "nor is a later one counted"
         assert recorded_denials(plant) == [("POST /stop", "eve@10.0.0.9", times, "k") for times in (1, 2)]
         assert not [task for task in asyncio.all_tasks() if task.get_name() == "denial log"]
 

@@ -20,15 +20,17 @@ from drivebus.errors import (
     ServiceUnavailable,
     StartInhibited,
     StopUnconfirmed,
+    TooManyCommands,
 )
 from drivebus.service.api.denial_log import SUMMARY_PERIOD_S
 from drivebus.service.api.dispatcher import MAX_RECORDING_S, STOP_AUDIT_TIMEOUT_S, Dispatcher
 from drivebus.service.api.errors import param_fault
 from drivebus.service.api.operations import OPERATIONS, Audit
+from drivebus.service.api.record_budget import RECORD_OCTETS_PER_S
 from drivebus.service.audit import AuditEntry
-from drivebus.service.audit.records import SESSION_ENDED
+from drivebus.service.audit.records import SESSION_ENDED, record_octets
 from drivebus.service.auth.actor import Actor
-from drivebus.service.auth.rights import Right
+from drivebus.service.auth.rights import Right, Role
 from drivebus.service.config.model import GroupConfig
 from drivebus.simulator.motor import OutputPhase
 from drivebus.testing.virtual_time import run
@@ -118,6 +120,119 @@ def test_a_flood_of_denied_operations_leaves_one_record_and_a_count() -> None:
         assert kit.trail.entries[-1].params == {"who": "eve@10.0.0.9", "times": 499}
 
     with_dispatcher(scenario)
+
+
+def test_the_record_of_a_denied_request_with_many_parameters_has_its_target_only() -> None:
+    """A viewer could write 60 KB of unchecked parameters into the trail with each kind of request."""
+
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
+        params = FAN | {"values": {f"F1.{number}": "x" * 500 for number in range(100)}}
+        for found in (params, {"drive": "x" * 1_900}):
+            with pytest.raises(PermissionDenied):
+                await dispatcher.call("parameters.write", found, remote_actor(str(len(found)), Role.VIEWER))
+        first, second = kit.trail.entries
+        assert (first.target, first.params, first.outcome) == ("fan-1", {}, "plant.forbidden")
+        assert (second.target, second.params) == ("x" * 100, {})
+
+    with_dispatcher(scenario)
+
+
+@pytest.fixture
+def small_burst(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A flood uses up the budget within a minute."""
+    monkeypatch.setattr("drivebus.service.api.record_budget.MAX_BURST_OCTETS", 100_000)
+
+
+async def octets_per_second(kit: ServiceKit) -> float:
+    """Return the growth of the trail during 200 s of a flood, after its first minute, in octets a second."""
+    await asyncio.sleep(60.0)
+    before = len(kit.trail.entries)
+    await asyncio.sleep(200.0)
+    return sum(map(record_octets, kit.trail.entries[before:])) / 200.0
+
+
+@pytest.mark.usefixtures("small_burst")
+@pytest.mark.parametrize("name", ["drive.run", "lease.take"])
+def test_a_flood_of_commands_that_send_nothing_is_recorded_one_by_one_up_to_a_budget_and_then_counted(
+    name: str,
+) -> None:
+    """A user with the right to operate wrote 1.7 MB a second into the audit trail: the disk was its only limit."""
+
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
+        params = FAN | ({"frequency_hz": 20.0} if name == "drive.run" else {})
+        answers = {"refused": 0, "too many": 0}
+
+        async def flood() -> None:
+            while True:
+                try:
+                    await dispatcher.call(name, params, remote_actor("eve"))
+                except TooManyCommands as error:
+                    answers["too many"] += 1
+                    assert (error.key, error.params["name"]) == ("plant.too_many_commands", "eve")
+                    assert 0.1 <= error.params["retry_s"] < 1
+                except StartInhibited:
+                    answers["refused"] += 1
+                await asyncio.sleep(0.05)
+
+        flooding = asyncio.create_task(flood())
+        assert 0.7 < await octets_per_second(kit) / RECORD_OCTETS_PER_S < 1.05
+        with pytest.raises(StartInhibited):
+            await dispatcher.call("drive.run", FAN | {"frequency_hz": 20.0}, remote_actor("ann"))
+        assert await dispatcher.call("drive.stop", FAN, remote_actor("eve")) == {}, "a stop is sent"
+        flooding.cancel()
+        await asyncio.sleep(SUMMARY_PERIOD_S + 1)
+        counts = [one.params["times"] for one in kit.trail.entries if one.what == "refused"]
+        singly = [one for one in kit.trail.entries if one.outcome == "plant.too_many_commands" and one.what == name]
+        assert sum(counts) + len(singly) == answers["too many"], "none of them is lost"
+        assert answers["too many"] > 3_000
+
+    with_dispatcher(
+        scenario, drive_run=StartInhibited("plant.limits_lost", drive="fan-1"), lease_take={}, drive_stop={}
+    )
+
+
+@pytest.mark.usefixtures("small_burst")
+def test_commands_that_were_sent_and_those_of_the_local_user_use_up_no_budget() -> None:
+    """A bus limits the former; the user of the service can remove the trail."""
+
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
+        for actor, name in ((remote_actor("eve"), "drive.reset"), (LOCAL, "lease.release")):
+            for _ in range(1_000):
+                await dispatcher.call(name, FAN, actor)
+        assert len(kit.trail.entries) == 4_000
+
+    sent = {"outcome": {"status": "confirmed", "frames": [{"sent": "01"}]}}
+    with_dispatcher(scenario, drive_reset=sent, lease_release={})
+
+
+@pytest.mark.usefixtures("small_burst")
+def test_a_flood_of_stops_is_sent_at_once_and_recorded_as_a_count_beyond_a_budget() -> None:
+    """A right to stop was enough to fill the disk."""
+
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
+        eve, sent = remote_actor("eve"), 0
+
+        async def flood() -> None:
+            nonlocal sent
+            while True:
+                begun = kit.service.plant.now()
+                await dispatcher.call("drive.stop", FAN, eve)
+                assert kit.service.plant.now() == begun
+                sent += 1
+                await asyncio.sleep(0.05)
+
+        flooding = asyncio.create_task(flood())
+        assert 0.7 < await octets_per_second(kit) / RECORD_OCTETS_PER_S < 1.05
+        flooding.cancel()
+        await asyncio.sleep(SUMMARY_PERIOD_S + 1)
+        counted = [one for one in kit.trail.entries if one.outcome == "counted"]
+        assert {(one.what, one.target, one.params["who"]) for one in counted} == {
+            ("drive.stop", "fan-1", "eve@127.0.0.1")
+        }
+        singly = kit.trail.outcomes("drive.stop").count("requested")
+        assert sum(one.params["times"] for one in counted) + singly == sent, "none of them is lost"
+
+    with_dispatcher(scenario, drive_stop={"outcome": {"status": "confirmed", "frames": [{"sent": "01"}]}})
 
 
 def test_live_values_need_the_right_to_view() -> None:

@@ -200,6 +200,21 @@ def test_the_reason_of_a_denied_request_reads_as_words_without_the_values_that_a
     assert outcome_text(record("refused", "x", outcome="auth.twice")).startswith("A name occurred twice")
 
 
+def test_a_count_of_requests_names_their_number_and_author() -> None:
+    """The page and the list showed a denied request, not that there were 499 of them, and of whom."""
+    denied = record("refused", "POST /api/v1/stop", outcome="auth.idle", who="eve@10.0.0.9", times=499)
+    assert described(denied)["text"] == {
+        "en": "Request denied: POST /api/v1/stop: 499 times, by eve@10.0.0.9",
+        "zh": "请求被拒绝：POST /api/v1/stop：499 次，来自 eve@10.0.0.9",
+    }
+    stops = described(record("drive.stop", "fan-3", outcome="counted", who="eve@10.0.0.9", times=7))
+    assert stops["text"]["en"] == "Bus stop of fan-3: 7 times, by eve@10.0.0.9"
+    assert stops["outcome_text"] == {"en": "Recorded as a count", "zh": "仅记录次数"}
+    assert outcome_text(record("refused", "x", outcome="plant.too_many_commands", who="eve@", times=7)) == (
+        "The user's commands were refused too often"
+    )
+
+
 def test_an_event_without_an_outcome_has_no_outcome_text() -> None:
     assert described(record("audit.opened", outcome=None))["outcome_text"] is None
 

@@ -221,6 +221,14 @@ async def test_the_status_of_a_forwarded_error_is_that_of_its_class(kind: str, s
     assert (await ask(FakeService(**{"drives.list": fail}), "GET", f"{API_PREFIX}/drives")).status_code == status
 
 
+async def test_a_service_that_refuses_further_commands_says_when_to_try_again() -> None:
+    def fail(_: Any) -> Any:
+        raise ServiceErrorReply(json.dumps({"kind": "TooManyCommands", "params": {"retry_s": 1.2}}).encode())
+
+    answer = await ask(FakeService(**{"drives.list": fail}), "GET", f"{API_PREFIX}/drives")
+    assert (answer.status_code, answer.headers["retry-after"]) == (429, "2")
+
+
 async def test_the_description_is_made_beside_other_requests(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first one takes a second, in which the event loop would answer no stop."""
     app, threads = app_of(FakeService()), list[threading.Thread]()

@@ -1,4 +1,4 @@
-"""``DenialLog``: denied requests in the audit trail, bounded so that a flood of them cannot fill the disk."""
+"""``DenialLog``: denied requests and repeated stops in the audit trail, bounded so that no flood fills the disk."""
 
 from __future__ import annotations
 
@@ -36,19 +36,25 @@ async def try_record(client: AuditRecorder, entry: Json, actor: Actor) -> bool:
 
 
 class DenialKind(NamedTuple):
-    """Denials that count as repetitions of each other."""
+    """Denials, or stops, that count as repetitions of each other."""
 
-    method: str
+    what: str
+    """``refused``, or the operation of stops that are recorded as a count only."""
     target: str
-    """Path of the route table, or the name of an operation."""
-    reason: str
+    """Method and path of the route table, name of an operation, or what is stopped."""
+    outcome: str
     """Key of the error."""
     client: str
     """Name and address of the actor."""
 
+    @classmethod
+    def of(cls, what: str, target: str, outcome: str, actor: Actor) -> DenialKind:
+        return cls(what, target, outcome, f"{actor.name}@{actor.address}")
 
-OTHER_KINDS = DenialKind("*", "*", "*", "*")
-"""Stands for the kinds beyond ``MAX_KINDS_PER_PERIOD``."""
+    @property
+    def others(self) -> DenialKind:
+        """Stands for this kind beyond ``MAX_KINDS_PER_PERIOD``."""
+        return DenialKind(self.what, "* *", "*", "*")
 
 
 class DenialLog:
@@ -64,11 +70,12 @@ class DenialLog:
 
     async def record_denial(self, method: str, target: str, reason: str, actor: Actor) -> None:
         """Count a denial, and record it if it is the first of its kind in this period."""
-        if await self.count_denial(method, target, reason, actor):
-            await try_record(self.client, _denial_entry(_denial_kind(method, target, reason, actor), 1), actor)
+        kind = DenialKind.of("refused", f"{method} {target}", reason, actor)
+        if await self.count(kind):
+            await try_record(self.client, _count_entry(kind, 1), actor)
 
-    async def count_denial(self, method: str, target: str, reason: str, actor: Actor) -> bool:
-        """Count a denial; return whether it is the first of its kind in this period, which the caller records.
+    async def count(self, kind: DenialKind) -> bool:
+        """Count one of a kind; return whether it is the first in this period, which the caller records.
 
         At the end of the process there is no later count, so that the caller records each of them.
         """
@@ -77,10 +84,9 @@ class DenialLog:
             self._period_start = self.clock()
         if self._closing.is_set():
             return True
-        kind = _denial_kind(method, target, reason, actor)
-        if kind not in self._counts and len(self._counts) >= MAX_KINDS_PER_PERIOD:
-            kind = OTHER_KINDS
-        if kind in self._counts or kind is OTHER_KINDS:
+        is_other = kind not in self._counts and len(self._counts) >= MAX_KINDS_PER_PERIOD
+        kind = kind.others if is_other else kind
+        if is_other or kind in self._counts:
             self._counts[kind] = self._counts.get(kind, 0) + 1
             if self._flush_task is None or self._flush_task.done():
                 self._flush_task = asyncio.get_running_loop().create_task(self._flush_later(), name="denial log")
@@ -105,17 +111,13 @@ class DenialLog:
         counted, self._counts = self._counts, {}
         for kind, times in counted.items():
             if times:
-                await try_record(self.client, _denial_entry(kind, times), ANONYMOUS)
+                await try_record(self.client, _count_entry(kind, times), ANONYMOUS)
 
 
-def _denial_kind(method: str, target: str, reason: str, actor: Actor) -> DenialKind:
-    return DenialKind(method, target, reason, f"{actor.name}@{actor.address}")
-
-
-def _denial_entry(kind: DenialKind, times: int) -> Json:
+def _count_entry(kind: DenialKind, times: int) -> Json:
     return {
-        "what": "refused",
-        "target": f"{kind.method} {kind.target}",
+        "what": kind.what,
+        "target": kind.target,
         "params": {"who": kind.client, "times": times},
-        "outcome": kind.reason,
+        "outcome": kind.outcome,
     }

@@ -10,6 +10,7 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from math import ceil
 from typing import Any
 
 from drivebus import i18n
@@ -22,18 +23,20 @@ from drivebus.errors import (
     PermissionDenied,
     ServiceError,
     ServiceUnavailable,
+    TooManyCommands,
     before_motion,
 )
 from drivebus.service.alarms import Alarm, SystemAlarm
-from drivebus.service.api.denial_log import DenialLog
+from drivebus.service.api.denial_log import DenialKind, DenialLog
 from drivebus.service.api.errors import error_to_json, failure_reason, params_error, to_plain
 from drivebus.service.api.operations import OPERATIONS, Audit, Operation, OperationParams
 from drivebus.service.api.operations.alarms import AlarmParams, AlarmSelectionParams
 from drivebus.service.api.operations.drives import ParameterWriteParams, RunParams, SetFrequencyParams
 from drivebus.service.api.operations.selections import SelectionParams
+from drivebus.service.api.record_budget import RecordBudget
 from drivebus.service.audit import AuditEntry
 from drivebus.service.audit.chain import AUDIT_FILE
-from drivebus.service.audit.records import ERROR_TEXT
+from drivebus.service.audit.records import ERROR_TEXT, record_octets
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import RequiredAccess, Right
 from drivebus.service.control.tickets import (
@@ -52,6 +55,7 @@ LOG = logging.getLogger("drivebus.service")
 MAX_RECORDING_S = 2.0  # a command whose audit record took longer is expired
 STOP_AUDIT_TIMEOUT_S = 1.0  # a stop never waits longer for its audit record
 TARGET_PARAMS = ("drive", "group", "alarm", "bus", "incident")  # the first that is given is the target of the record
+MAX_DENIED_OCTETS = 1_000  # the record of a denied request that is longer has only its target
 
 
 class Dispatcher:
@@ -60,6 +64,8 @@ class Dispatcher:
     def __init__(self, plant: Plant, handlers: Mapping[str, Callable[..., Awaitable[Json]]]) -> None:
         self.plant, self._handlers = plant, handlers
         self.denials = DenialLog(self, plant.now)
+        self._command_budget, self._stop_budget = RecordBudget(), RecordBudget()
+        self._counting: set[asyncio.Task[None]] = set()
 
     async def call(self, name: str, params: Json, actor: Actor) -> Json:
         """Run an operation and return its result. Raises the reason why it was not done, or how it failed."""
@@ -75,6 +81,8 @@ class Dispatcher:
         if handler is None:
             raise NotFound("plant.no_operation", id=name)
         if operation.mutates:
+            if not operation.is_stop:
+                await self._check_budget(operation, params, actor)
             changed = self._changed_drives(parsed)  # before it: an alarm may be gone afterwards
             try:
                 return await self._run_command(operation, parsed, actor, handler)
@@ -109,9 +117,21 @@ class Dispatcher:
         if actor.may(right):
             return
         error = PermissionDenied("plant.forbidden", name=actor.name, operation=operation.name, right=right)
-        if await self.denials.count_denial(operation.method, operation.path, error.key, actor):
-            self._record_nowait(_audit_entry(operation, params, actor, error.key))
+        await self._record_denial(operation, params, actor, error.key)
         raise error
+
+    async def _check_budget(self, operation: Operation, params: Json, actor: Actor) -> None:
+        """Raise TooManyCommands while the actor's commands that sent nothing have used up their part of the trail."""
+        wait_s = self._command_budget.wait_s(actor.name, self.plant.now())
+        if actor.remote and wait_s > 0:
+            error = TooManyCommands("plant.too_many_commands", name=actor.name, retry_s=ceil(10 * wait_s) / 10)
+            await self._record_denial(operation, params, actor, error.key)
+            raise error
+
+    async def _record_denial(self, operation: Operation, params: Json, actor: Actor, reason: str) -> None:
+        """Record a denied request, or count it where one of its kind has just been recorded."""
+        if await self.denials.count(DenialKind.of("refused", f"{operation.method} {operation.path}", reason, actor)):
+            self._record_nowait(_denied_entry(operation, params, actor, reason))
 
     async def _stop_and_record(
         self, operation: Operation, params: OperationParams, actor: Actor, handler: OperationHandler
@@ -121,20 +141,34 @@ class Dispatcher:
         No frame waits for a record; the client waits at most ``STOP_AUDIT_TIMEOUT_S`` for that of the outcome.
         """
         entry = _audit_entry(operation, params.model_dump(), actor)
+        if actor.remote and self._stop_budget.wait_s(actor.name, self.plant.now()) > 0:
+            self._count_soon(entry, actor)
+            return await handler(params, actor)
         # A task begins when the handler waits for the first time. The frame of a single drive is queued by then; those
         # of several drives are queued by tasks that begin after this one has queued the entry for the writer's thread.
         requested = asyncio.ensure_future(self._number_of_record(replace(entry, outcome="requested")))
         try:
             result = await handler(params, actor)
         except Exception as error:
-            await self._record_soon(_failed_entry(entry, error), requested)
+            await self._record_soon(self._charge(self._stop_budget, _failed_entry(entry, error)), requested)
             raise
         except BaseException as error:
             requested.cancel()  # where it has not begun: it would follow its outcome
             self._record_nowait(_failed_entry(entry, error))
             raise
-        await self._record_soon(_completed_entry(entry, result), requested)
+        await self._record_soon(self._charge(self._stop_budget, _completed_entry(entry, result)), requested)
         return result
+
+    def _count_soon(self, entry: AuditEntry, actor: Actor) -> None:
+        """Count a stop of an actor whose stops have used up their part of the trail; it waits for nothing."""
+
+        async def count() -> None:
+            if await self.denials.count(DenialKind.of(entry.what, entry.target, "counted", actor)):
+                self._record_nowait(replace(entry, outcome="requested"))
+
+        task = asyncio.ensure_future(count())
+        self._counting.add(task)
+        task.add_done_callback(self._counting.discard)
 
     async def _run_recorded(
         self, operation: Operation, params: OperationParams, actor: Actor, handler: MotionHandler
@@ -150,7 +184,7 @@ class Dispatcher:
             number = await self._record(replace(entry, outcome="requested"))
         except AuditUnavailable:
             if operation.audit is Audit.REQUIRED:
-                self._record_nowait(_unrecorded_entry(entry))
+                self._record_nowait(self._charge_unsent(_unrecorded_entry(entry)))
                 raise
             number = None
         except BaseException as error:  # the record may have reached the disk
@@ -162,12 +196,12 @@ class Dispatcher:
                 self._check_ticket(ticket)
             result = await handler(params, actor, ticket)
         except Exception as error:
-            await self._record_after(_failed_entry(entry, error))
+            await self._record_after(self._charge_unsent(_failed_entry(entry, error)))
             raise
         except BaseException as error:  # a cancelled task must not wait for a disk
-            self._record_nowait(_failed_entry(entry, error))
+            self._record_nowait(self._charge_unsent(_failed_entry(entry, error)))
             raise
-        await self._record_after(_completed_entry(entry, result))
+        await self._record_after(self._charge_unsent(_completed_entry(entry, result)))
         return result
 
     def _check_ticket(self, ticket: CommandTicket) -> None:
@@ -228,6 +262,15 @@ class Dispatcher:
     def _record_nowait(self, entry: AuditEntry) -> None:
         self.plant.audit.record_nowait(entry)
 
+    def _charge(self, budget: RecordBudget, entry: AuditEntry) -> AuditEntry:
+        """Charge the entry of an outcome, and that of its request, which is no larger, to the actor's budget."""
+        budget.spend(entry.who, 2 * record_octets(entry), self.plant.now())
+        return entry
+
+    def _charge_unsent(self, entry: AuditEntry) -> AuditEntry:
+        """Charge a command of which no frame was sent; the records of the others are limited by the speed of a bus."""
+        return entry if entry.frames else self._charge(self._command_budget, entry)
+
     async def _record_after(self, entry: AuditEntry) -> None:
         """Write the entry of a finished command; where the trail fails, it is written later."""
         try:
@@ -269,6 +312,14 @@ def _audit_entry(
         params=known | ({"drives": others} if others else {}),
         outcome=outcome,
     )
+
+
+def _denied_entry(operation: Operation, params: Any, actor: Actor, reason: str) -> AuditEntry:
+    """Return the entry of a denied request, with its parameters where they are short: nothing has checked them."""
+    entry = _audit_entry(operation, params, actor, reason)
+    if record_octets(entry) <= MAX_DENIED_OCTETS:
+        return entry
+    return replace(entry, target=entry.target[:100], params={})
 
 
 def _alarm_names(alarms: Sequence[Alarm]) -> Json:

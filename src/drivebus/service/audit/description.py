@@ -26,7 +26,7 @@ MAX_VALUES = 8
 MAX_DRIVES = 6
 """Drives of one command that are named; the rest is counted."""
 OUTCOMES = frozenset({"requested", "confirmed", "acknowledged", "refused", "failed", "unknown", "done"})
-OTHER_OUTCOMES = frozenset({"decelerating", "unchanged", *map(str, CommLossResult)})
+OTHER_OUTCOMES = frozenset({"counted", "decelerating", "unchanged", *map(str, CommLossResult)})
 """Outcomes that only the audit trail has a sentence for."""
 SINGLE_VALUES = ("minimum_hz", "maximum_hz", "minutes", "role", "records", "octets")
 """Parameters with a sentence ``audit.detail.<name>`` of their value alone."""
@@ -149,6 +149,9 @@ def _details(params: Mapping[str, Any]) -> Iterator[Text]:
         yield bilingual_text("audit.detail.value", name=name, value=value)
     if isinstance(values, dict) and len(values) > MAX_VALUES:
         yield Text("…", "…")
+    if isinstance(params.get("times"), int) and params["times"] > 1:  # of a count, whose author is a parameter
+        yield bilingual_text("audit.detail.times", value=params["times"])
+        yield bilingual_text("audit.detail.who", value=params.get("who"))
     if params.get("save") is True:
         yield bilingual_text("audit.detail.save")
     if params.get("force") is True:

@@ -86,6 +86,11 @@ def entry_json(entry: AuditEntry, time_ms: int) -> Json:
     }
 
 
+def record_octets(entry: AuditEntry) -> int:
+    """Return the approximate size of the record of an entry, in octets."""
+    return min(len(json.dumps(entry_json(entry, 0))) + _CHAIN_OCTETS, MAX_RECORD_LINE_BYTES)
+
+
 def redact(value: Any, depth: int = 0) -> Any:
     """Return ``value`` as JSON of bounded size, with secrets redacted."""
     if isinstance(value, Enum):
@@ -132,6 +137,7 @@ GENESIS_HASH: Final = "0" * 64
 MAX_RECORD_LINE_BYTES: Final = 64 * 1024
 """A longer record has the SHA-256 of its line in place of its frames and, where it is still too long, parameters."""
 _DIGEST_HEX_LENGTH = 64
+_CHAIN_OCTETS = 200  # number, number of checkpoints and the two hashes of a record
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import AsyncIterator
+from functools import cached_property
 from typing import Protocol
 
 from drivebus.service.auth.actor import Actor
@@ -20,7 +21,18 @@ class ServiceErrorReply(Exception):
     @property
     def kind(self) -> str:
         """Name of the error's class."""
-        return str(json.loads(self.payload)["kind"])
+        return str(self._error["kind"])
+
+    @property
+    def params(self) -> Json:
+        """Parameters of the error's sentence."""
+        params: Json = self._error.get("params", {})
+        return params
+
+    @cached_property
+    def _error(self) -> Json:
+        error: Json = json.loads(self.payload)
+        return error
 
 
 class ServiceClient(Protocol):

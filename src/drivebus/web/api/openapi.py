@@ -48,7 +48,10 @@ STATUS_MEANINGS = {
         "wrong parameters, outside a limit, or nothing this drive can do; nothing was sent",
         "参数错误、超出限值或该变频器不支持；未发送任何指令",
     ),
-    429: Text("too many attempts", "尝试次数过多"),
+    429: Text(
+        "too many attempts, or too many refused commands; `Retry-After` is the wait in seconds",
+        "尝试次数过多，或被拒绝的命令过多；`Retry-After` 为等待秒数",
+    ),
     500: Text("internal error; whether it was done is not known", "内部错误；是否已执行不得而知"),
     502: Text("the drive or its bus failed, or the drive rejected it", "变频器或总线出错，或变频器拒绝"),
     503: Text(
