@@ -31,7 +31,7 @@ from drivebus.drives.operations.calibration import CalibrationResult, Calibratio
 from drivebus.drives.operations.jog import MAX_JOG_LEASE_S
 from drivebus.drives.operations.loopback import LoopbackReport
 from drivebus.drives.operations.status import CommLossReport
-from drivebus.drives.outcome import Outcome
+from drivebus.drives.outcome import FrameExchange, Outcome
 from drivebus.drives.state import Direction, DriveStatus
 from drivebus.errors import Superseded
 from drivebus.profiles.model import DriveProfile
@@ -298,6 +298,11 @@ class Drive:
     def stopping(self) -> bool:
         """Whether a stop is in progress, or was not confirmed and is repeated."""
         return self.drive.stopping
+
+    @property
+    def stop_exchanges(self) -> tuple[FrameExchange, ...]:
+        """Frames of the stops under way, so far."""
+        return self.drive.stop_exchanges
 
     def stop_concurrently(self, drive_count: int) -> Outcome:
         return self._bus.run(self.drive.stop_concurrently(drive_count))

@@ -26,7 +26,7 @@ from drivebus.drives.operations.jog import MAX_JOG_LEASE_S
 from drivebus.drives.operations.loopback import LoopbackReport
 from drivebus.drives.operations.start import wait_at_speed
 from drivebus.drives.operations.status import CommLossReport
-from drivebus.drives.outcome import Outcome, raise_for_status
+from drivebus.drives.outcome import FrameExchange, Outcome, raise_for_status
 from drivebus.drives.runner import OperationRunner
 from drivebus.drives.state import Direction, DriveStatus
 from drivebus.drives.stop_supervisor import StopSupervisor
@@ -66,11 +66,13 @@ class Drive:
         store: Store | None = None,
         timing: StationTiming | None = None,
         nonce_start: int | None = None,
+        on_repeated_stop: Callable[[Outcome], None] = lambda outcome: None,
     ) -> None:
         """Register the drive on the bus. Raises ProfileError, ConfigurationError (address, encoding, option).
 
         ``nonce_start``: first number of the loop-backs that serve as sync probes, 0 to 65535; None: random, so that a
         late reply to a process before this one fits none of them, or fixed at a simulated port, so that runs repeat.
+        ``on_repeated_stop`` is called with the outcome of a stop that was confirmed only when it was repeated.
         """
         loaded = profile if isinstance(profile, DriveProfile) else profiles.load(profile)
         self.bus, self.profile, self.address = bus, loaded, address
@@ -88,7 +90,7 @@ class Drive:
             dialect=self.dialect, eeprom_budget=self._eeprom_budget(limits), limits=limits, on_read=self._publish_read
         )
         self._runner = OperationRunner(bus, self._context, self._store, self._load_stored)
-        self._stops = StopSupervisor(self._runner)
+        self._stops = StopSupervisor(self._runner, on_repeated_stop)
         self._calibration = Calibration(self._runner, self._stops, self._store, frozenset(options or ()))
         self._read_listeners: list[Callable[[BusResult], None]] = []
         self._last_published: BusResult | None = None
@@ -334,6 +336,11 @@ class Drive:
     def stopping(self) -> bool:
         """Whether a stop is under way or being repeated."""
         return self._stops.stopping
+
+    @property
+    def stop_exchanges(self) -> tuple[FrameExchange, ...]:
+        """Frames of the stops under way, so far."""
+        return self._stops.exchanges
 
     async def reset_fault(self) -> Outcome:
         """Reset a fault while the drive reports one; again only while it is unanswered and the fault verified."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 from drivebus.bus.messages import BusResult
@@ -13,7 +13,7 @@ from drivebus.drives.operations import stop as stop_operation
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation
 from drivebus.drives.operations.stop import StopProgress
-from drivebus.drives.outcome import Outcome, raise_for_status
+from drivebus.drives.outcome import FrameExchange, Outcome, raise_for_status
 from drivebus.drives.runner import OperationRunner
 
 T = TypeVar("T")
@@ -30,8 +30,9 @@ class StopSupervisor:
     command takes its place, or the bus is closed for good. Cancelling the caller of a stop does not cancel the stop.
     """
 
-    def __init__(self, runner: OperationRunner) -> None:
-        self._runner = runner
+    def __init__(self, runner: OperationRunner, on_repeated_stop: Callable[[Outcome], None]) -> None:
+        """``on_repeated_stop`` is called with the outcome of a repeated stop that the drive has confirmed."""
+        self._runner, self._on_repeated_stop = runner, on_repeated_stop
         self._running: set[asyncio.Task[Outcome]] = set()
         self._concurrent: set[OperationContext] = set()
         self._repetition: asyncio.Task[None] | None = None
@@ -46,6 +47,11 @@ class StopSupervisor:
     def stopping(self) -> bool:
         """Whether a stop is under way or being repeated."""
         return bool(self._running) or self.pending
+
+    @property
+    def exchanges(self) -> tuple[FrameExchange, ...]:
+        """Frames of the stops under way, so far."""
+        return tuple(exchange for op in self._concurrent for exchange in op.exchanges)
 
     async def stop(self, mode: StopMode, *, wait: bool = True, drive_count: int = 1) -> Outcome:
         """Stop the drive. Raises CapabilityError before sending, StopUnconfirmed after.
@@ -119,6 +125,7 @@ class StopSupervisor:
         while not self._runner.bus.is_closed:
             outcome = await self._runner.run_stop(stop_operation.stop(self._runner.stop_context(), mode))
             if outcome.succeeded:
+                asyncio.get_running_loop().call_soon(self._on_repeated_stop, outcome)  # when nothing is pending
                 return
             await asyncio.sleep(STOP_REPEAT_INTERVAL_S)
 

@@ -105,7 +105,7 @@ class Service:
         self.commands = DriveCommands(self.plant)
         self.control = ControlCommands(self.plant)
         self.groups = GroupCommands(self.plant, self.commands)
-        self.stops = StopCommands(self.plant, self.commands)
+        self.stops = StopCommands(self.plant, self.commands, SERVICE_ACTOR)
         self.jogs = RemoteJogs(self.plant, self.commands)
         self.comm_loss_tests = CommLossTests(self.plant, self.commands)
         self.incidents = IncidentService(self.plant, storage.incidents)
@@ -170,7 +170,7 @@ class Service:
         for runtime in self.plant.drives.values():
             with failure_logged():
                 runtime.withdraw_commands(Superseded("plant.stopping"))
-        outcomes = await self.stops.stop_started_drives(SERVICE_ACTOR)
+        outcomes = await self.stops.stop_started_drives()
         if self._supervision_task is not None:
             self._supervision_task.cancel()
             with contextlib.suppress(asyncio.CancelledError):

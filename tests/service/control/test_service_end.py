@@ -280,6 +280,7 @@ def test_a_stopping_service_does_not_wait_for_a_long_ramp() -> None:
             assert kit.service.plant.now() - started_at <= 3.0
             recorded = [(one.outcome, one.of) for one in kit.trail.entries if one.what == "drive.stop"]
             assert recorded == [("requested", None), ("decelerating", number)], "it was recorded as unknown"
+            assert len(kit.trail.entries[-1].frames) > 5, "its record had no frames"
 
     run(scenario())
 

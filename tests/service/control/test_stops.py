@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 from dataclasses import replace
 
 import pytest
@@ -23,7 +24,7 @@ from drivebus.ports import open_port
 from drivebus.service.audit.description import described
 from drivebus.service.audit.records import entry_json
 from drivebus.service.auth.rights import Role
-from drivebus.service.config.model import BusConfig, DriveConfig, OnClientLost, PlantConfig
+from drivebus.service.config.model import BusConfig, DriveConfig, GroupConfig, OnClientLost, PlantConfig
 from drivebus.simulator.motor import OutputPhase
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
@@ -254,6 +255,41 @@ def test_a_stop_that_a_lost_port_withholds_is_called_unsent_and_sent_when_the_po
             bench.replug()
             await asyncio.sleep(6)
             assert kit.station("fan-1").motor.phase is OutputPhase.OFF
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("stop", ["drive.stop", "plant.stop", "group.stop"])
+def test_a_stop_that_was_not_sent_has_a_second_outcome_once_it_was_repeated_and_confirmed(stop: str) -> None:
+    """The trail had no record of it but that it was not sent."""
+
+    async def scenario() -> None:
+        async with running_service(plant_config(groups=(GroupConfig(id="fans", drives=("fan-1",)),))) as kit:
+            await ready(kit, "fan-1")
+            bench = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
+            bench.unplug()
+            await asyncio.sleep(6)
+            kit.trail.entries.clear()
+            target = {"drive.stop": {"drive": "fan-1"}, "group.stop": {"group": "fans"}}.get(stop, {})
+            with suppress(StopUnconfirmed):
+                await kit.call(stop, remote_actor("ann"), **target)
+            await asyncio.sleep(10)
+            assert kit.trail.outcomes(stop)[0] == "requested" and len(kit.trail.entries) == 2
+            stopped = len(kit.history.events)
+            bench.replug()
+            await asyncio.sleep(6)
+            assert kit.station("fan-1").motor.phase is OutputPhase.OFF
+            # one record, also of a stop that was repeated many times
+            (repeated,) = (entry for entry in kit.trail.entries[2:] if entry.target == "fan-1")
+            assert (repeated.what, repeated.who, repeated.target) == ("drive.stop", "drivebus", "fan-1")
+            assert (repeated.outcome, repeated.of) == ("confirmed", 1)
+            assert repeated.frames and repeated.params == {"requested_by": "ann"}
+            assert described(entry_json(repeated, 0))["text"] == {
+                "en": "Bus stop of fan-1: repeated until the drive confirmed it, requested by ann",
+                "zh": "停止 fan-1（总线停止）：重复发送直至变频器确认，由 ann 请求",
+            }
+            events = [one["text"]["en"] for one in kit.history.events[stopped:] if one["drive"] == "fan-1"]
+            assert len([text for text in events if text.startswith("stop: ")]) == 1, events
 
     run(scenario())
 

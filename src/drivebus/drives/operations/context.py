@@ -14,7 +14,7 @@ from drivebus.drives.operations.command_age import CommandAge
 from drivebus.drives.operations.exchange_log import ExchangeLog
 from drivebus.drives.operations.state_reports import StateReports
 from drivebus.drives.operations.steps import BusConditions, DriveOperation, get_bus_conditions, transact
-from drivebus.drives.outcome import Outcome, OutcomeStatus
+from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
 from drivebus.drives.permissives import CommandKind, DriveCommand, DriveEvidence, PermitInputs
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveState, DriveStatus
@@ -75,6 +75,11 @@ class OperationContext:
         self.last_deceleration_at: float | None = None  # time of the last reading below all readings before it
         self._lowest_hz: float | None = None
         self._exchanges = ExchangeLog()
+
+    @property
+    def exchanges(self) -> tuple[FrameExchange, ...]:
+        """Frames that were sent so far, in their order."""
+        return self._exchanges.in_order()
 
     def check_frequency(self, frequency_hz: float) -> tuple[int, float]:
         """Return the raw word of a frequency and the frequency that it means. Raises LimitError."""
@@ -405,7 +410,7 @@ class OperationContext:
             status=status,
             key=key,
             params=params,
-            exchanges=self._exchanges.in_order(),
+            exchanges=self.exchanges,
             drive_status=drive_status,
         )
         fault = drive_status.fault

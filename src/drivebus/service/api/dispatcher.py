@@ -7,13 +7,12 @@ waits for no record: it is recorded while it is sent, and again after it is done
 from __future__ import annotations
 
 import asyncio
-import logging
-from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from math import ceil
 from typing import Any
 
-from drivebus import i18n
 from drivebus.errors import (
     AuditUnavailable,
     DrivebusError,
@@ -26,16 +25,17 @@ from drivebus.errors import (
     TooManyCommands,
     before_motion,
 )
-from drivebus.service.alarms import Alarm, SystemAlarm
+from drivebus.service.alarms import Alarm
+from drivebus.service.api.command_records import record, record_or_queue
 from drivebus.service.api.denial_log import DenialKind, DenialLog
-from drivebus.service.api.errors import error_to_json, failure_reason, params_error, to_plain
+from drivebus.service.api.errors import error_to_json, params_error, to_plain
 from drivebus.service.api.operations import OPERATIONS, Audit, Operation, OperationParams
 from drivebus.service.api.operations.alarms import AlarmParams, AlarmSelectionParams
 from drivebus.service.api.operations.drives import ParameterWriteParams, RunParams, SetFrequencyParams
+from drivebus.service.api.operations.operation import NoParams
 from drivebus.service.api.operations.selections import SelectionParams
 from drivebus.service.api.record_budget import RecordBudget
 from drivebus.service.audit import AuditEntry
-from drivebus.service.audit.chain import AUDIT_FILE
 from drivebus.service.audit.records import ERROR_TEXT, record_octets
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import RequiredAccess, Right
@@ -51,7 +51,6 @@ from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
 
-LOG = logging.getLogger("drivebus.service")
 MAX_RECORDING_S = 2.0  # a command whose audit record took longer is expired
 STOP_AUDIT_TIMEOUT_S = 1.0  # a stop never waits longer for its audit record
 TARGET_PARAMS = ("drive", "group", "alarm", "bus", "incident")  # the first that is given is the target of the record
@@ -146,17 +145,19 @@ class Dispatcher:
             return await handler(params, actor)
         # A task begins when the handler waits for the first time. The frame of a single drive is queued by then; those
         # of several drives are queued by tasks that begin after this one has queued the entry for the writer's thread.
-        requested = asyncio.ensure_future(self._number_of_record(replace(entry, outcome="requested")))
+        requested = asyncio.ensure_future(record_or_queue(self.plant, replace(entry, outcome="requested")))
         try:
             result = await handler(params, actor)
         except Exception as error:
-            await self._record_soon(self._charge(self._stop_budget, _failed_entry(entry, error)), requested)
+            failed = self._charge(self._stop_budget, _failed_entry(entry, error))
+            await self._record_soon(failed, requested, params)
             raise
         except BaseException as error:
             requested.cancel()  # where it has not begun: it would follow its outcome
             self._record_nowait(_failed_entry(entry, error))
             raise
-        await self._record_soon(self._charge(self._stop_budget, _completed_entry(entry, result)), requested)
+        completed = self._charge(self._stop_budget, _completed_entry(entry, result))
+        await self._record_soon(completed, requested, params)
         return result
 
     def _count_soon(self, entry: AuditEntry, actor: Actor) -> None:
@@ -181,7 +182,7 @@ class Dispatcher:
         drives = dict.fromkeys(alarm.drive for alarm in alarms if alarm.drive) if alarms else ticket.stop_counts
         entry = _audit_entry(operation, recorded_params, actor, drives=drives)
         try:
-            number = await self._record(replace(entry, outcome="requested"))
+            number = await record(self.plant, replace(entry, outcome="requested"))
         except AuditUnavailable:
             if operation.audit is Audit.REQUIRED:
                 self._record_nowait(self._charge_unsent(_unrecorded_entry(entry)))
@@ -196,12 +197,12 @@ class Dispatcher:
                 self._check_ticket(ticket)
             result = await handler(params, actor, ticket)
         except Exception as error:
-            await self._record_after(self._charge_unsent(_failed_entry(entry, error)))
+            await record_or_queue(self.plant, self._charge_unsent(_failed_entry(entry, error)))
             raise
         except BaseException as error:  # a cancelled task must not wait for a disk
             self._record_nowait(self._charge_unsent(_failed_entry(entry, error)))
             raise
-        await self._record_after(self._charge_unsent(_completed_entry(entry, result)))
+        await record_or_queue(self.plant, self._charge_unsent(_completed_entry(entry, result)))
         return result
 
     def _check_ticket(self, ticket: CommandTicket) -> None:
@@ -244,20 +245,10 @@ class Dispatcher:
         """
         entry = AuditEntry.from_json(event, actor)
         try:
-            await self._record(entry)
+            await record(self.plant, entry)
         except AuditUnavailable:
             self._record_nowait(_unrecorded_entry(entry) if entry.outcome == "requested" else entry)
             raise
-
-    async def _record(self, entry: AuditEntry) -> int:
-        """Write an entry and return its number. Raises AuditUnavailable, with an alarm until one is written."""
-        try:
-            number = await self.plant.audit.record(entry)
-        except AuditUnavailable as error:
-            self.plant.raise_alarm(SystemAlarm.AUDIT_FAILURE, subject=AUDIT_FILE, reason=failure_reason(error))
-            raise
-        self.plant.clear_alarm(SystemAlarm.AUDIT_FAILURE, subject=AUDIT_FILE)
-        return number
 
     def _record_nowait(self, entry: AuditEntry) -> None:
         self.plant.audit.record_nowait(entry)
@@ -271,30 +262,25 @@ class Dispatcher:
         """Charge a command of which no frame was sent; the records of the others are limited by the speed of a bus."""
         return entry if entry.frames else self._charge(self._command_budget, entry)
 
-    async def _record_after(self, entry: AuditEntry) -> None:
-        """Write the entry of a finished command; where the trail fails, it is written later."""
-        try:
-            await self._record(entry)
-        except AuditUnavailable:
-            self._record_nowait(entry)
-
-    async def _number_of_record(self, entry: AuditEntry) -> int | None:
-        """Write an entry that has another one after it; return its number, None where that fails."""
-        try:
-            return await self._record(entry)
-        except AuditUnavailable:
-            return None
-        except Exception:  # no reason to lose the outcome as well
-            LOG.exception(i18n.preferred_text("log.record_failed"))
-            return None
-
-    async def _record_soon(self, entry: AuditEntry, requested: Awaitable[int | None]) -> None:
+    async def _record_soon(self, entry: AuditEntry, requested: Awaitable[int | None], params: OperationParams) -> None:
         """Write the entry of a stop after that of its request; a disk that hangs does not delay its result."""
 
         async def write() -> None:
-            await self._record_after(replace(entry, of=await requested))
+            number = await requested
+            for runtime in self._stopped_drives(params):
+                if runtime.drive.stop_pending:
+                    runtime.stop_record = number
+            await record_or_queue(self.plant, replace(entry, of=number))
 
         await asyncio.wait([asyncio.ensure_future(write())], timeout=STOP_AUDIT_TIMEOUT_S)
+
+    def _stopped_drives(self, params: OperationParams) -> Collection[DriveRuntime]:
+        """Return the drives that a stop affects; none where it names one that the plant does not have."""
+        if isinstance(params, NoParams):
+            return self.plant.drives.values()
+        with suppress(ServiceError):
+            return self._affected_drives(params)
+        return ()
 
 
 def _audit_entry(

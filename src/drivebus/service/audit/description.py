@@ -156,6 +156,8 @@ def _details(params: Mapping[str, Any]) -> Iterator[Text]:
         yield bilingual_text("audit.detail.save")
     if params.get("force") is True:
         yield bilingual_text("audit.detail.force")
+    if isinstance(params.get("requested_by"), str):
+        yield bilingual_text("audit.detail.requested_by", value=params["requested_by"])
     ended_by = f"plant.session_ended.{params.get('ended_by')}"
     if i18n.known(ended_by):
         yield bilingual_text(ended_by)

@@ -245,9 +245,13 @@ class DriveCommands:
 
     def record_stopped(self, runtime: DriveRuntime, outcome: Outcome) -> None:
         """Record a stop that was confirmed, or acknowledged by a drive that reports no run state."""
+        self.plant.stop_statistics.count_outcome(outcome)
+        self.end_motion(runtime)
+
+    def end_motion(self, runtime: DriveRuntime) -> None:
+        """End the motion of a drive that has confirmed or acknowledged a stop, and the alarm about the stop."""
         runtime.end_motion()
         runtime.commanded_hz = None
-        self.plant.stop_statistics.count_outcome(outcome)
         self.plant.clear_alarm(SystemAlarm.STOP_UNCONFIRMED, runtime.id)
 
     @handles(DRIVE_RESET)

@@ -7,10 +7,12 @@ from collections.abc import Iterable, Sequence
 
 from drivebus.drives import stop_bus
 from drivebus.drives.bus_stop import StopReport
+from drivebus.drives.outcome import Outcome
 from drivebus.drives.state import DriveState
-from drivebus.errors import AuditUnavailable, DrivebusError
+from drivebus.errors import DrivebusError
 from drivebus.service.alarms import SystemAlarm
-from drivebus.service.api.errors import error_to_json, outcome_json
+from drivebus.service.api.command_records import record_or_queue
+from drivebus.service.api.errors import error_to_json, exchange_json, outcome_json
 from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations.drives import DRIVE_STOP
 from drivebus.service.api.operations.groups import GROUP_STOP, GroupParams
@@ -21,8 +23,7 @@ from drivebus.service.auth.actor import Actor
 from drivebus.service.config.model import OnServiceStop
 from drivebus.service.control.drive_commands import DriveCommands, repeated_stop
 from drivebus.service.runtime.drive import DriveRuntime
-from drivebus.service.runtime.failure_log import failure_logged
-from drivebus.service.runtime.plant import Plant
+from drivebus.service.runtime.plant import Plant, PlantListener
 from drivebus.types import Json
 from drivebus.values import Text
 
@@ -33,11 +34,12 @@ DECELERATING: Json = {"state": DriveState.DECELERATING.value}
 SERVICE_STOP_CHECK_S = 0.05  # between two checks of outcomes and first reads
 
 
-class StopCommands:
-    """Stops of several drives at once."""
+class StopCommands(PlantListener):
+    """Stops of several drives at once, and the end of stops that had to be repeated."""
 
-    def __init__(self, plant: Plant, commands: DriveCommands) -> None:
-        self.plant, self.commands = plant, commands
+    def __init__(self, plant: Plant, commands: DriveCommands, service: Actor) -> None:
+        self.plant, self.commands, self.service_actor = plant, commands, service
+        plant.subscribe(self)
 
     @handles(PLANT_STOP)
     async def stop_all(self, params: NoParams, actor: Actor) -> Json:
@@ -109,7 +111,14 @@ class StopCommands:
         answer: Json = self.commands.publish_outcome(runtime, "stop", outcome, actor)["outcome"]
         return answer
 
-    async def stop_started_drives(self, actor: Actor) -> Json:
+    def on_repeated_stop(self, drive: DriveRuntime, outcome: Outcome) -> None:
+        """Report and record a stop that was not confirmed when it was requested: the service has repeated it."""
+        self.commands.end_motion(drive)
+        answer = self.commands.publish_outcome(drive, "stop", outcome, self.service_actor)["outcome"]
+        requested = {"requested_by": drive.last_stop.actor} if drive.last_stop is not None else {}
+        self._record_outcome(drive, answer["status"], answer["frames"], drive.stop_record, requested)
+
+    async def stop_started_drives(self) -> Json:
         """Stop what this service started or adopted, unless the drive's ``on_service_stop`` is ``hold``.
 
         A drive that has not been read yet is stopped as soon as its first read shows it running, and a stop that is
@@ -117,7 +126,7 @@ class StopCommands:
         within the timeout ``DECELERATING`` where the drive reports that, else None; any other drive that may be running
         becomes an event.
         """
-        plant = self.plant
+        plant, actor = self.plant, self.service_actor
         timeout_at = plant.now() + SERVICE_STOP_TIMEOUT_S
         stops: dict[DriveRuntime, asyncio.Task[Json]] = {}
         requests: dict[DriveRuntime, asyncio.Task[int | None]] = {}
@@ -127,7 +136,7 @@ class StopCommands:
             plant.record_stop_request(*started, by=actor.name, kind="service")
             stops |= {runtime: asyncio.create_task(self._stop_one(runtime, actor, len(started))) for runtime in started}
             # These tasks begin after those of the stops, whose first frames are queued then.
-            requests |= {runtime: asyncio.create_task(self._record_request(runtime, actor)) for runtime in started}
+            requests |= {runtime: asyncio.create_task(self._record_request(runtime)) for runtime in started}
             awaited = any(other.awaits_first_read or other.drive.stopping for other in others)
             if all(task.done() for task in stops.values()) and not awaited:
                 break
@@ -137,7 +146,10 @@ class StopCommands:
         }
         for runtime in plant.drives.values():
             if runtime in stops:
-                self._record_outcome(runtime, actor, outcomes[runtime.id] or {}, requests[runtime])
+                request, outcome = requests[runtime], outcomes[runtime.id] or {}
+                status = str(outcome.get("status") or outcome.get("code") or outcome.get("state") or "unknown")
+                frames = outcome.get("frames") or [exchange_json(one) for one in runtime.drive.stop_exchanges]
+                self._record_outcome(runtime, status, frames, request.result() if request.done() else None)
                 continue
             if runtime.drive.stopping:
                 outcomes[runtime.id] = _unfinished(runtime)
@@ -150,24 +162,24 @@ class StopCommands:
         await asyncio.gather(*unfinished, return_exceptions=True)
         return outcomes
 
-    async def _record_request(self, runtime: DriveRuntime, actor: Actor) -> int | None:
-        """Record that the ending service stops a drive; return the record's number, None where it is written later."""
-        entry = AuditEntry.by(actor, DRIVE_STOP.name, target=runtime.id, outcome="requested")
-        with failure_logged():
-            try:
-                return await self.plant.audit.record(entry)
-            except AuditUnavailable:
-                self.plant.audit.record_nowait(entry)
-        return None
+    async def _record_request(self, runtime: DriveRuntime) -> int | None:
+        """Record that the ending service stops a drive; return as ``record_or_queue``."""
+        entry = AuditEntry.by(self.service_actor, DRIVE_STOP.name, target=runtime.id, outcome="requested")
+        return await record_or_queue(self.plant, entry)
 
     def _record_outcome(
-        self, runtime: DriveRuntime, actor: Actor, outcome: Json, request: asyncio.Task[int | None]
+        self, runtime: DriveRuntime, status: str, frames: Sequence[Json], of: int | None, params: Json | None = None
     ) -> None:
-        """Record how the stop of a drive ended, or that it decelerates. Never waits, also not for ``request``."""
-        status = str(outcome.get("status") or outcome.get("code") or outcome.get("state") or "unknown")
-        number = request.result() if request.done() else None
-        frames = outcome.get("frames", ())
-        entry = AuditEntry.by(actor, DRIVE_STOP.name, target=runtime.id, outcome=status, frames=frames, of=number)
+        """Record how a stop by the service ended, or that the drive decelerates. Never waits."""
+        entry = AuditEntry.by(
+            self.service_actor,
+            DRIVE_STOP.name,
+            target=runtime.id,
+            params=params or {},
+            outcome=status,
+            frames=frames,
+            of=of,
+        )
         self.plant.audit.record_nowait(entry)
 
 

@@ -12,6 +12,7 @@ from drivebus import open_bus
 from drivebus.bus import Bus
 from drivebus.bus.load import estimate_bus_load
 from drivebus.bus.trace import TraceEvent
+from drivebus.drives.outcome import Outcome
 from drivebus.drives.state import DriveStatus
 from drivebus.drives.store import Store
 from drivebus.errors import DrivebusError
@@ -93,10 +94,11 @@ class BusRuntime:
         config: DriveConfig,
         *,
         on_status: Callable[[DriveRuntime, DriveStatus], None],
+        on_repeated_stop: Callable[[DriveRuntime, Outcome], None],
         store: Store | None,
     ) -> DriveRuntime:
         """Add a drive to the bus. Raises ConfigurationError, ProfileError."""
-        drive = DriveRuntime(config, self.bus, on_status=on_status, store=store)
+        drive = DriveRuntime(config, self.bus, on_status=on_status, on_repeated_stop=on_repeated_stop, store=store)
         self.drives[config.id] = drive
         if not self.bus.is_closed:
             drive.start_monitor()

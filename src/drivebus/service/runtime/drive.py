@@ -14,6 +14,7 @@ from drivebus.drives import Drive, DriveState, DriveStatus
 from drivebus.drives.context import DriveLimits
 from drivebus.drives.monitor import Monitor
 from drivebus.drives.operations.status import complete_status
+from drivebus.drives.outcome import Outcome
 from drivebus.drives.speed_progress import SpeedDifference
 from drivebus.drives.state import STATE_NOT_READ
 from drivebus.drives.store import Store
@@ -30,7 +31,10 @@ FREQUENCY_TOLERANCE_HZ = 0.1  # rounding of a frequency by the drive is no exces
 
 
 class DriveRuntime:
-    """A drive of the plant. ``on_status`` is called with every new status of its monitor."""
+    """A drive of the plant.
+
+    ``on_status`` is called with every new status of its monitor, ``on_repeated_stop`` as that of ``Drive``.
+    """
 
     def __init__(
         self,
@@ -38,6 +42,7 @@ class DriveRuntime:
         bus: Bus,
         *,
         on_status: Callable[[DriveRuntime, DriveStatus], None],
+        on_repeated_stop: Callable[[DriveRuntime, Outcome], None],
         store: Store | None,
     ) -> None:
         self.config, self.bus, self._on_status = config, bus, on_status
@@ -55,6 +60,7 @@ class DriveRuntime:
             limits=config.limits,
             options=config.options,
             store=store,
+            on_repeated_stop=partial(on_repeated_stop, self),
         )
         self.polls = polls_of(config, self.drive.dialect)
         self.monitor: Monitor | None = None
@@ -67,6 +73,8 @@ class DriveRuntime:
         """Drive for which its limits were set, where that was another one."""
         self.last_stop: StopObject | None = None
         """Its last stop request, until it is started again."""
+        self.stop_record: int | None = None
+        """Number of the audit record of ``last_stop``, where that is known."""
         self.commanded_hz: float | None = None
         self.speed_difference = SpeedDifference()
         """Difference of the speed that it reports from ``commanded_hz``."""

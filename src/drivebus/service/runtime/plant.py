@@ -91,6 +91,9 @@ class PlantListener:
     def on_drive_removed(self, drive: str) -> None:
         """Handle that a drive left its bus: a reload removed it, or gave its name to another motor."""
 
+    def on_repeated_stop(self, drive: DriveRuntime, outcome: Outcome) -> None:
+        """Handle that a drive has confirmed a stop when it was repeated."""
+
     def on_control_end(self, drive: str) -> None:
         """Handle that the session that controlled a drive no longer does; another one may control it by now."""
 
@@ -166,11 +169,18 @@ class Plant:
 
     def add_drive(self, config: DriveConfig, on_status: Callable[[DriveRuntime, DriveStatus], None]) -> DriveRuntime:
         """Add a drive to its bus. ``on_status`` is called with each new status of its monitor."""
-        drive = self.buses[config.bus].add_drive(config, on_status=on_status, store=self.drive_store)
+        drive = self.buses[config.bus].add_drive(
+            config, on_status=on_status, on_repeated_stop=self._on_repeated_stop, store=self.drive_store
+        )
         drive.added_at = self.now()
         self.drives[drive.id] = drive
         self.restore(drive)
         return drive
+
+    def _on_repeated_stop(self, drive: DriveRuntime, outcome: Outcome) -> None:
+        for listener in self._listeners:
+            with failure_logged():
+                listener.on_repeated_stop(drive, outcome)
 
     def _on_bus_problem(self, key: str, params: Json) -> None:
         self.publish_event("presence", None, key, **params)
@@ -341,7 +351,7 @@ class Plant:
         """Record a stop request of these drives by the user ``by``; revoke the arm tokens of them and their groups."""
         for runtime in runtimes:
             self.revoke_arm_tokens(runtime.id)
-            runtime.last_stop = StopObject(kind, by, self.wall_ms())
+            runtime.last_stop, runtime.stop_record = StopObject(kind, by, self.wall_ms()), None
             self.stop_counts[runtime.id] += 1
             self.stop_statistics.requested += 1
 
