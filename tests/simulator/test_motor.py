@@ -192,6 +192,18 @@ def test_overload_trips_after_sixty_seconds_at_one_and_a_half_times_rated_curren
     assert m.trip is Trip.OVERLOAD
 
 
+def test_a_drive_that_is_off_recovers_its_overload_reserve_also_where_it_is_no_warmer_than_the_room() -> None:
+    m = motor(MotorLoad(constant=1.6), accel_s=0.5)
+    m.rating = Nameplate(inertia_s=0.01)
+    for _ in range(3):
+        m.run(50.0)
+        m.step(30.0)
+        assert m.trip is None
+        m.coast()
+        m.ambient_c = m.temperature_c
+        m.step(60.0)
+
+
 def test_too_short_an_acceleration_trips_on_over_current() -> None:
     m = Motor(Nameplate(inertia_s=5.0), MotorLoad())
     m.accel_s = 0.5

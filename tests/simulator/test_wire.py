@@ -25,8 +25,9 @@ def arrivals(w: Wire, side: Side = Side.MASTERS) -> list[tuple[float, bytes, int
     while (at := w.next_event_at()) is not None:
         event = w.pop_event(at)
         assert event is not None
-        if event.side is side:
-            found.append((at, *event.transmission.received(event.first, event.last)))
+        _, _, event_side, transmission, first, last, _ = event
+        if event_side is side:
+            found.append((at, *transmission.received(first, last)))
     return found
 
 

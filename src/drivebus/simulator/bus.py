@@ -217,10 +217,11 @@ class SimulatedBus:
         assert self._loop is not None
         now = self._loop.time()
         while (event := self.wire.pop_event(now)) is not None:
-            if event.side is MASTERS:
-                self._deliver_to_masters(event.transmission, event.first, event.last)
+            _, _, side, transmission, first, last, decision_delay_s = event
+            if side is MASTERS:
+                self._deliver_to_masters(transmission, first, last)
             else:
-                self._deliver_to_stations(event.transmission, event.decision_delay_s, now)
+                self._deliver_to_stations(transmission, decision_delay_s, now)
         self._arm_timer()
 
     def _deliver_to_masters(self, transmission: Transmission, first: int, last: int) -> None:

@@ -291,6 +291,8 @@ class Motor:
             stored = supplied
         elif self.brake_resistor_w > 0.0:
             stored = self._after_brake_chopper(stored, dt)
+        if stored == self._bus_j:
+            return
         self._bus_j = stored = max(stored, 0.0)
         self.bus_v = sqrt(2.0 * stored / self._capacity_f)
         if self.bus_v > 1.48 * self._nominal_v:
@@ -321,7 +323,8 @@ class Motor:
             rest = _coasting_speed(speed, self.load, dt / self.rating.inertia_s)
             self.speed_hz = copysign(rest * self.rating.frequency_hz, self.speed_hz)
         self._update_dc_bus(0.0, dt)
-        self._update_thermal(0.0, dt)
+        if self.temperature_c != self.ambient_c or self._overload > 0.0:
+            self._update_thermal(0.0, dt)
         return dt
 
 

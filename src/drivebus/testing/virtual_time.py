@@ -205,33 +205,37 @@ class VirtualLoop(_EventLoop):
 
     def _step(self, until: float) -> bool:
         """Run all that is ready, or what the next timer brings; False where there is neither by ``until``."""
-        ready, heap = self._ready, self._heap
+        ready, heap, now = self._ready, self._heap, self._now
         if not ready:
-            while heap and heap[0][2].callback is None and heap[0][0] <= until:
-                heappop(heap)
-            if not heap or heap[0][0] > until:
-                return False
-            when, _, timer = heappop(heap)
-            if when > self._now:
-                self._now = when
-            if not heap or heap[0][0] > self._now:
-                self._call(timer)
+            callback = None
+            while callback is None:  # timers that were cancelled bring nothing
+                if not heap or heap[0][0] > until:
+                    return False
+                when, _, timer = heappop(heap)
+                callback = timer.callback
+            if when > now:
+                self._now = now = when
+            if not heap or heap[0][0] > now:  # nearly always: a queue would take longer
+                try:
+                    callback(*timer.args)
+                except Exception as error:
+                    self._report(callback, error)
                 return True
             ready.append(timer)
-        while heap and heap[0][0] <= self._now:
+        while heap and heap[0][0] <= now:
             ready.append(heappop(heap)[2])
         for _ in range(len(ready)):
-            self._call(ready.popleft())
+            timer = ready.popleft()
+            if (callback := timer.callback) is None:
+                continue
+            try:
+                callback(*timer.args)
+            except Exception as error:
+                self._report(callback, error)
         return True
 
-    def _call(self, timer: VirtualTimer) -> None:
-        callback = timer.callback
-        if callback is None:
-            return
-        try:
-            callback(*timer.args)
-        except Exception as error:
-            self.call_exception_handler({"message": f"Exception in callback {callback!r}", "exception": error})
+    def _report(self, callback: Callable[..., object], error: Exception) -> None:
+        self.call_exception_handler({"message": f"Exception in callback {callback!r}", "exception": error})
 
     def _describe_waiting(self) -> str:
         names = sorted(task.get_name() for task in self.tasks)
