@@ -285,6 +285,8 @@ def test_no_station_answers_a_broadcast(codec: Codec) -> None:
     assert codec.broadcast_address == 0
     with pytest.raises(HeaderError) as caught:
         codec.decode_reply(stop, frame(codec, "07 06 20 00 00 02"))
+    with pytest.raises(ProtocolError):
+        codec.decode_reply(ReadRegisters(0, 0, 1), frame(codec, "00 03 02 00 01"))
     assert caught.value.found == 7
 
 
