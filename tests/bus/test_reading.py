@@ -197,12 +197,14 @@ def test_only_a_reply_of_the_full_length_says_something_about_the_delay() -> Non
     for _ in range(2):
         transaction = Transaction(poll, 0.0, CHARACTER_S, has_line_timing=True, echo=None)
         transaction.on_data(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), 0.1)
+        transaction.learn_delay()
     learned = poll.usual_delay.seconds
     assert transaction.earliest_useful_at() is None
     assert learned == pytest.approx(0.1 - (8 + 12) * CHARACTER_S)
     following = Transaction(poll, 1.0, CHARACTER_S, has_line_timing=True, echo=None)
     assert following.earliest_useful_at() == pytest.approx(1.1)
     following.on_data(CODEC.encode_reply(modbus.ExceptionReply(1, 3, 2)), 1.05)
+    following.learn_delay()
     assert poll.usual_delay.seconds == learned
 
 
@@ -213,6 +215,7 @@ def test_the_requests_of_a_program_learn_the_delay_of_their_station_and_a_poll_h
         asked = PreparedRequest(read_request(count=4), None, station, SETTINGS)
         transaction = Transaction(asked, 0.0, CHARACTER_S, has_line_timing=True, echo=None)
         transaction.on_data(CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4))), 0.1)
+        transaction.learn_delay()
     following = PreparedRequest(read_request(count=2), None, station, SETTINGS)
     poll = PreparedPoll(Poll(read(), 1.0), None, station, SETTINGS, 0.0)
     shorter_s = 4 * CHARACTER_S

@@ -138,7 +138,7 @@ def test_foreign_frames_are_dropped_and_recorded_and_the_reply_after_them_is_acc
     transaction.on_data(OTHERS + OTHERS + REPLY[:5], 1.05)
     assert [data for data, _ in transaction.foreign_frames or ()] == [OTHERS, OTHERS]
     assert all(isinstance(error, AddressError) for _, error in transaction.foreign_frames or ())
-    assert (transaction.received_count, bytes(transaction.buffer), transaction.bytes_needed) == (5, REPLY[:5], 13)
+    assert (transaction.received_count, transaction.buffer, transaction.bytes_needed) == (5, REPLY[:5], 13)
     transaction.on_data(REPLY[5:], 1.06)
     assert transaction.final_error() is None and transaction.message == modbus.RegisterValues(1, 3, (1, 2, 3, 4))
 
@@ -200,7 +200,7 @@ def test_bytes_that_end_before_the_last_bit_of_the_request_are_no_reply(
         transaction.on_data(REPLY[:size], END + characters * CHARACTER_S)
         expected = remaining if paced else size
         assert (len(transaction.bytes_before_tx_end), transaction.received_count) == (size - expected, expected)
-        assert bytes(transaction.buffer) == REPLY[size - expected : size]
+        assert transaction.buffer == REPLY[size - expected : size]
         assert (transaction.last_byte_at is not None) is (expected > 0)
 
 

@@ -92,7 +92,7 @@ def test_a_late_reply_is_the_last_frame_of_its_station_and_names_its_lateness() 
     late = CODEC.encode_reply(modbus.RegisterValues(1, 3, (9,) * 4))
     at = receive(script, late)
     station = script.core.stations[1]
-    assert bytes(station.last_frame) == late
+    assert station.last_frame == late
     assert isinstance(station.failure_reason, NoReply) and station.failure_reason.key == "bus.late_reply"
     assert station.failure_reason.params["milliseconds"] == round((at - sent_at) * 1000)
 

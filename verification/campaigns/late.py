@@ -84,7 +84,7 @@ class LateReplyBus:
         self.accepted += 1
         self.late_replies.on_accepted(transaction.last_byte_at)
         times = transaction.prepared.station.address, transaction.sent_at, transaction.last_byte_at
-        if self.reply_log.matches(*times, bytes(transaction.buffer)):
+        if self.reply_log.matches(*times, transaction.buffer):
             pass
         elif not self.variant.has_checksum and self._collided(transaction, *times):
             self.counts["right reply, damaged by another station's late reply, accepted"] += 1

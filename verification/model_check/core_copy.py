@@ -60,6 +60,7 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
         "settings": "",
         "name": "",
         "has_line_timing": "",
+        "learns_delays": "",
         "tracing": "",
         "opened_at": "",
         "first_opened_at": "",

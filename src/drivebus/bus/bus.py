@@ -108,7 +108,7 @@ class Bus:
         )
         fast = character_s < FAST_BUS_CHARACTER_S
         self._spins_gaps = loop_timers.precise and self._pausable_port is not None and fast
-        self._pauses_reader = self._pausable_port is not None and not fast
+        self._pauses_reader = self.core.learns_delays = self._pausable_port is not None and not fast
         self._on_port_open()
 
     async def close(self) -> None:

@@ -122,6 +122,8 @@ class BusCore:
         self.settings = settings
         self.name = name
         self.has_line_timing = has_line_timing
+        self.learns_delays = False
+        """Whether usual delays are learned: where bytes wait in the kernel until their reply is probably complete."""
         self.tracing = False
         self.is_open = False
         self._closed_by = PortLost("bus.not_open")  # why the port is not open
@@ -207,7 +209,7 @@ class BusCore:
             stopped = list(self.stations.values()) if prepared.is_broadcast else [prepared.station]
             for older in self.scheduler.supersede(stopped):
                 self._complete(older, Superseded("bus.superseded", station=older.station.address))
-        elif (error := prepared.permit_error(now)) is not None:
+        elif prepared.effect is not NO_EFFECT and (error := prepared.permit_error(now)) is not None:
             return self._reject(bus_request, token, error)
         self.scheduler.enqueue(prepared)
         return self._advance(now)
@@ -310,7 +312,8 @@ class BusCore:
         ):
             self._finish_transaction(transaction, now)
             transaction = self.transaction
-        self._silent_since = max(now, self._silent_since)
+        if now > self._silent_since:
+            self._silent_since = now
         if transaction is not None:
             transaction.on_data(data, now, line_errors)
         else:
@@ -473,6 +476,8 @@ class BusCore:
             station.last_frame = transaction.buffer
             station.unusable_reply = None
             station.counters.record_reply(transaction.last_byte_at - transaction.tx_end_at, now)
+            if self.learns_delays:
+                transaction.learn_delay()
             if prepared.is_sync_probe:
                 self._mark_online(station, now, verified=True)
             elif station.state is not ONLINE:
@@ -482,7 +487,7 @@ class BusCore:
                     TraceEvent(
                         time=transaction.last_byte_at,
                         kind=TraceKind.REPLY,
-                        data=bytes(transaction.buffer),
+                        data=transaction.buffer,
                         station=station.address,
                         message=transaction.message,
                     )
@@ -645,12 +650,11 @@ class BusCore:
         if self.tracing:
             silent = isinstance(error, NoReply) and not transaction.received_count
             kind = TraceKind.NO_REPLY if silent else TraceKind.INVALID
-            received = bytes(transaction.buffer)
             self._trace(
                 TraceEvent(
                     time=now,
                     kind=kind,
-                    data=received,
+                    data=transaction.buffer,
                     station=station.address,
                     message=None,
                     error=error,
@@ -665,8 +669,8 @@ def _matches_older_request(transaction: Transaction) -> bool:
     A nonce or an item distinguishes a sync reply from all others. Where only a register count does (DF800), an
     unanswered request of that count makes the sync probe worthless until its reply can no longer be on its way.
     """
-    station, data = transaction.prepared.station, bytes(transaction.buffer)
+    station = transaction.prepared.station
     return any(
-        transaction.sent_at < entry.until and station.decode_reply_to(entry.request, data) is not None
+        transaction.sent_at < entry.until and station.decode_reply_to(entry.request, transaction.buffer) is not None
         for entry in station.unanswered_requests
     )

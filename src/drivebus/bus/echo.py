@@ -121,6 +121,6 @@ def _echoed_before_tx_end(transaction: Transaction) -> bool:
 
 def _echoed_as_reply(transaction: Transaction) -> bool:
     """Return whether our frame stands in place of a reply, or twice where its reply equals it."""
-    data, received = transaction.prepared.data, bytes(transaction.buffer)
+    data, received = transaction.prepared.data, transaction.buffer
     is_echoed = received.startswith(data + data) if transaction.prepared.is_mirrorable() else data in received
     return transaction.error is not None and is_echoed

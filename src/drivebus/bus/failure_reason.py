@@ -15,7 +15,7 @@ MAX_STRAY_BYTES = 4  # more bytes before a reply are another frame and not a gli
 
 def failure_reason(transaction: Transaction, error: Exception) -> Exception:
     """Return the error that names what was received, ``error`` itself where nothing more is known."""
-    station, data = transaction.prepared.station, bytes(transaction.buffer)
+    station, data = transaction.prepared.station, transaction.buffer
     if isinstance(error, LineError):
         return error
     if isinstance(error, TrailingError):
@@ -38,7 +38,7 @@ def second_reply(station: Station) -> TrailingError:
     return TrailingError("bus.second_reply", station=station.address)
 
 
-def _repeats(frame: bytes | bytearray, received: bytes) -> bool:
+def _repeats(frame: bytes, received: bytes) -> bool:
     """Return whether ``received`` begins with ``frame``, or is the end of it, which began before our request."""
     return (len(frame) > 0 and received.startswith(frame)) or frame.endswith(received)
 

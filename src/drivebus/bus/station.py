@@ -228,7 +228,7 @@ class Station:
         self.last_request_sent_at = 0.0
         """Time of its last bit on the wire."""
         self.last_reply_at: float | None = None
-        self.last_frame: bytes | bytearray = b""
+        self.last_frame = b""
         """Last whole reply that was received, accepted or not; its bytes again are a second reply."""
         self.duplicate_reply_times: list[float] = []
         self.counters = Counters()

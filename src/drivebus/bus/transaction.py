@@ -115,7 +115,8 @@ class Transaction:
         """End of the last stop bit of our own frame."""
         self.deadline = self.ends_at = self.tx_end_at + prepared.reply_timeout_s
         """``ends_at``: time at which the result is known if the bus is silent until then."""
-        self.buffer = bytearray()
+        self.buffer = b""
+        """Received bytes that may belong to the reply."""
         self.received_count = 0
         """Bytes that may belong to a reply, valid or not."""
         self.last_byte_at: float | None = None
@@ -188,7 +189,7 @@ class Transaction:
             reply=self.message if error is None else None,
             error=error,
             sent=prepared.data,
-            received=bytes(self.buffer),
+            received=self.buffer,
             sent_at=self.sent_at,
             received_at=self.last_byte_at,
             gap_s=prepared.gap_s,
@@ -208,8 +209,8 @@ class Transaction:
             )
         return self.last_byte_at + (self.bytes_needed - len(self.buffer) - 1) * self.character_s
 
-    def _learn_delay(self) -> None:
-        """Add the delay of a complete reply to the usual delay of its poll or station."""
+    def learn_delay(self) -> None:
+        """Add the delay of the accepted reply to the usual delay of its poll or station."""
         prepared = self.prepared
         if self.received_count == prepared.reply_bytes:
             assert self.last_byte_at is not None
@@ -223,7 +224,7 @@ class Transaction:
 
     def ends_with_second_reply(self, error: TrailingError) -> bool:
         """Return whether the bytes after the reply are another reply, as of two drives at one address."""
-        rest = bytes(self.buffer[error.expected :]) if isinstance(error.expected, int) else b""
+        rest = self.buffer[error.expected :] if isinstance(error.expected, int) else b""
         return bool(rest) and self.prepared.station.decode_reply_to(self.prepared.request, rest) is not None
 
     def _decode(self) -> None:
@@ -231,7 +232,7 @@ class Transaction:
         prepared = self.prepared
         while self.buffer:
             try:
-                result = prepared.decode_reply(bytes(self.buffer))
+                result = prepared.decode_reply(self.buffer)
             except AddressError as error:
                 if not 0 < error.size <= len(self.buffer):
                     if self._skip_leading_noise():
@@ -251,27 +252,26 @@ class Transaction:
         if self.noise_skipped or not self.prepared.station.config.timing.tolerate_leading_noise:
             return False
         self.noise_skipped = True
-        self.bytes_before_tx_end += bytes(self.buffer[:1])
+        self.bytes_before_tx_end += self.buffer[:1]
         self.received_count -= 1
-        del self.buffer[:1]
+        self.buffer = self.buffer[1:]
         self.bytes_needed = 1
         return True
 
     def _apply_result(self, result: DecodeResult) -> None:
-        self.expected_result = None
+        self.expected_result, self.needs_silence = None, False
         if isinstance(result, Incomplete):
             self.message = None
             self.bytes_needed = result.need
             return
-        self.message, self.message_size, self.needs_silence = result.message, result.size, False
-        if isinstance(result, CompleteIfSilent):
+        self.message, self.message_size = result.message, result.size
+        if type(result) is CompleteIfSilent:
             self.needs_silence, self.bytes_needed = True, result.need
-        elif len(self.buffer) > self.message_size:
-            station, size = self.prepared.station.address, self.message_size
+        elif len(self.buffer) > result.size:
+            station, size = self.prepared.station.address, result.size
             self._invalidate(TrailingError("bus.trailing", station=station, expected=size, found=len(self.buffer)))
         else:
             self.expected_result = self._make_result(None)
-            self._learn_delay()
 
     def _update_end(self, now: float) -> None:
         """Set ``ends_at``: after the gap for a valid reply, when the bytes end for an invalid one."""
@@ -297,8 +297,8 @@ class Transaction:
     def _drop_foreign_frame(self, error: AddressError) -> None:
         if self.foreign_frames is None:
             self.foreign_frames = []
-        self.foreign_frames.append((bytes(self.buffer[: error.size]), error))
-        del self.buffer[: error.size]
+        self.foreign_frames.append((self.buffer[: error.size], error))
+        self.buffer = self.buffer[error.size :]
         self.received_count -= error.size
         self.bytes_needed = 1
 

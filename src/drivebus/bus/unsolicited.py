@@ -186,7 +186,7 @@ class UnsolicitedBytes:
 
         Our own frame is excluded.
         """
-        data, prepared, received_at = bytes(transaction.buffer), transaction.prepared, transaction.last_byte_at
+        data, prepared, received_at = transaction.buffer, transaction.prepared, transaction.last_byte_at
         if received_at is None:
             return []
         if isinstance(error, TrailingError) and isinstance(error.expected, int):
