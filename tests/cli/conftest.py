@@ -1,12 +1,10 @@
-"""Every test of the commands starts with English text, whatever another one has set."""
+"""Every test of the commands starts with English text."""
 
 from __future__ import annotations
 
 import pytest
 
-from drivebus.cli import output
-
 
 @pytest.fixture(autouse=True)
-def english() -> None:
-    output.parse_global_options(["--lang", "en"])
+def english(english_output: None) -> None:
+    """Use ``english_output`` in every test of this folder."""

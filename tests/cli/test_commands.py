@@ -21,16 +21,12 @@ from drivebus.cli.main import cli
 from drivebus.drives import Drive
 from drivebus.drives.operations.loopback import LoopbackReport
 from drivebus.ports import discovery
-from drivebus.simulator.port import clear_simulated_buses
 from fixtures.usb_serial import install_latency_timers
 
 C320 = ("--model", "c320", "--address", "1")
 
 
-@pytest.fixture(autouse=True)
-def delete_simulated_buses() -> Any:
-    yield
-    clear_simulated_buses()
+pytestmark = pytest.mark.usefixtures("clean_simulated_buses")
 
 
 def run_json(*words: str, code: int = 0) -> dict[str, Any]:
@@ -385,15 +381,6 @@ def test_models_are_searched_by_name_maker_and_title_in_both_languages(search: s
 
 def test_a_search_without_a_model_says_so() -> None:
     assert "no such maker" in run_text("models", "--search", "no such maker")
-
-
-@pytest.fixture
-def own_profiles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the empty directory of the user's own profiles."""
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    directory = tmp_path / "drivebus" / "profiles"
-    directory.mkdir(parents=True)
-    return directory
 
 
 def test_an_invalid_own_profile_is_reported_and_hides_no_other(own_profiles: Path) -> None:

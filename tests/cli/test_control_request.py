@@ -8,7 +8,6 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any, cast
 
 import httpx
@@ -23,18 +22,14 @@ from drivebus.service.api.operations import API_PREFIX
 from drivebus.service.auth.actor import local_user
 from drivebus.service.auth.rights import Role
 from fixtures.child_process import CHILD_TIMEOUT_S, ENVIRONMENT, lines_until, running_command
-from fixtures.running_service import RunningService, http_service, token
+from fixtures.running_service import RunningService, plant_fixture, token
 from fixtures.service import remote_actor
 
 FAN = ("--drive", "fan-1")
 BOB = remote_actor("bob")
 
 
-@pytest.fixture(scope="module")
-def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
-    with http_service(Path(tmp_path_factory.mktemp("plant"))) as found:
-        found.run_in_loop(lambda: found.kit.grant_waivers())
-        yield found
+plant = plant_fixture(grants_waivers=True)
 
 
 @pytest.fixture(autouse=True)

@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
 
 from drivebus.capture.dbcap import BytesRecord, EventRecord, read_capture
 from drivebus.cli.main import cli
-from drivebus.simulator.port import clear_simulated_buses
 
 C320 = ("--model", "c320", "--address", "1")
 
 
-@pytest.fixture(autouse=True)
-def delete_simulated_buses() -> Any:
-    yield
-    clear_simulated_buses()
+pytestmark = pytest.mark.usefixtures("clean_simulated_buses")
 
 
 def invoke(*words: str) -> Result:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +15,13 @@ from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
 from drivebus.errors import PermissionDenied, ServiceUnavailable
 from drivebus.i18n import LANGUAGE_VARIABLE
-from drivebus.simulator.port import clear_simulated_buses
 
 C320 = ("sim://c320@1", "--model", "c320", "--address", "1")
 VC660 = ("sim://vc660@1", "--model", "vc660", "--address", "1")
 NOT_SENT = "NO STOP WAS SENT. Stop the drive now at its keypad or by its hard-wired stop."
 
 
-@pytest.fixture(autouse=True)
-def delete_simulated_buses() -> Iterator[None]:
-    yield
-    clear_simulated_buses()
+pytestmark = pytest.mark.usefixtures("clean_simulated_buses")
 
 
 def invoke(*words: str, lang: str = "en") -> Result:

@@ -6,7 +6,7 @@ import asyncio
 import json
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -35,14 +35,10 @@ from drivebus.drives import Drive
 from drivebus.drives.state import DriveState, DriveStatus
 from drivebus.errors import HeaderError, PortLost
 from drivebus.serial_settings import SerialSettings
-from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
+from drivebus.simulator.port import find_simulated_bus
 from drivebus.values import Quality, Reading, missing_reading
 
-
-@pytest.fixture(autouse=True)
-def no_simulated_bus_is_left() -> Iterator[None]:
-    yield
-    clear_simulated_buses()
+pytestmark = pytest.mark.usefixtures("clean_simulated_buses")
 
 
 class FakeRowSource:

@@ -26,7 +26,7 @@ from drivebus.profiles.load import included_models
 from drivebus.protocols.checksum import crc16
 from drivebus.protocols.codec import Effect
 from drivebus.serial_settings import SerialSettings
-from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
+from drivebus.simulator.port import find_simulated_bus
 from drivebus.testing import virtual_time
 from drivebus.testing.bus_script import ScriptedPort, Wire, silent_wire
 
@@ -34,10 +34,7 @@ ROOT = Path(__file__).resolve().parents[2]
 ALL = ("c320", "dzb100", "vc660", "df800")
 
 
-@pytest.fixture(autouse=True)
-def benches() -> Any:
-    yield
-    clear_simulated_buses()
+pytestmark = pytest.mark.usefixtures("clean_simulated_buses")
 
 
 def plan(*models: str, **options: Any) -> list[ScanPass]:

@@ -40,7 +40,6 @@ from drivebus.protocols.modbus import (
     describe,
 )
 from drivebus.serial_settings import SerialSettings
-from drivebus.simulator.port import clear_simulated_buses
 from peers import need_program
 
 STARTED, STARTED_US = "2026-11-21T10:00:00.000250+00:00", 1795255200_000250
@@ -79,10 +78,7 @@ FIELDS = (
 )
 
 
-@pytest.fixture(autouse=True)
-def benches() -> Iterator[None]:
-    yield
-    clear_simulated_buses()
+pytestmark = pytest.mark.usefixtures("clean_simulated_buses")
 
 
 # the generated line

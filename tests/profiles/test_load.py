@@ -40,14 +40,6 @@ def write(directory: Path, text: str, name: str = "own.toml") -> Path:
     return path
 
 
-@pytest.fixture
-def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    directory = tmp_path / "drivebus" / "profiles"
-    directory.mkdir(parents=True)
-    return directory
-
-
 def test_the_eight_models_come_with_drivebus() -> None:
     assert {"c320", "dzb100", "vc660", "df800", "c300", "e300", "e350", "e500", "e550"} <= set(profiles.models())
 
@@ -157,20 +149,20 @@ def test_profiles_extend_each_other_over_several_files(tmp_path: Path) -> None:
     assert (profile.limits.maximum_hz, profile.group_sizes["F00"]) == (120.0, 30)
 
 
-def test_a_profile_in_the_users_directory_is_a_model(own: Path) -> None:
-    write(own, VC660_SIZES, "line2.toml")
+def test_a_profile_in_the_users_directory_is_a_model(own_profiles: Path) -> None:
+    write(own_profiles, VC660_SIZES, "line2.toml")
     assert "line2" in profiles.models()
     assert profiles.load("line2").limits.maximum_hz == 400.0
 
 
-def test_a_users_profile_may_extend_another_of_the_users(own: Path) -> None:
-    write(own, VC660_SIZES, "line2.toml")
-    write(own, 'format = 1\nextends = "line2"\n', "line3.toml")
+def test_a_users_profile_may_extend_another_of_the_users(own_profiles: Path) -> None:
+    write(own_profiles, VC660_SIZES, "line2.toml")
+    write(own_profiles, 'format = 1\nextends = "line2"\n', "line3.toml")
     assert profiles.load("line3").limits.maximum_hz == 400.0
 
 
-def test_a_users_file_can_not_replace_a_built_in_model(own: Path) -> None:
-    path = write(own, VC660_SIZES, "vc660.toml")
+def test_a_users_file_can_not_replace_a_built_in_model(own_profiles: Path) -> None:
+    path = write(own_profiles, VC660_SIZES, "vc660.toml")
     with pytest.raises(ProfileError) as caught:
         profiles.load("vc660")
     assert caught.value.params["diagnostics"][0].kind == "shadows"
@@ -187,9 +179,9 @@ def test_no_two_included_models_differ_in_case_alone() -> None:
     assert len(names) == len(set(names))
 
 
-def test_a_users_file_can_not_replace_a_built_in_model_in_another_case(own: Path) -> None:
+def test_a_users_file_can_not_replace_a_built_in_model_in_another_case(own_profiles: Path) -> None:
     """``--model VC660`` would be another drive than ``--model vc660``."""
-    write(own, VC660_SIZES, "VC660.toml")
+    write(own_profiles, VC660_SIZES, "VC660.toml")
     assert profiles.load("vc660").limits.maximum_hz != 400.0  # a stop by its exact name is not refused
     for name in ("VC660", "Vc660"):
         with pytest.raises(ProfileError) as caught:
@@ -197,9 +189,9 @@ def test_a_users_file_can_not_replace_a_built_in_model_in_another_case(own: Path
         assert caught.value.params["diagnostics"][0].kind == "shadows"
 
 
-def test_users_files_that_differ_in_case_alone_are_found_by_their_own_names_only(own: Path) -> None:
-    write(own, VC660_SIZES, "line2.toml")
-    write(own, VC660_SIZES.replace("400", "300"), "LINE2.toml")
+def test_users_files_that_differ_in_case_alone_are_found_by_their_own_names_only(own_profiles: Path) -> None:
+    write(own_profiles, VC660_SIZES, "line2.toml")
+    write(own_profiles, VC660_SIZES.replace("400", "300"), "LINE2.toml")
     assert profiles.load("line2").limits.maximum_hz == 400.0 and profiles.load("LINE2").limits.maximum_hz == 300.0
     with pytest.raises(ProfileError):
         profiles.load("Line2")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from http.client import HTTPConnection
 from pathlib import Path
@@ -20,7 +19,7 @@ from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import ROLE_RIGHTS, Role
 from drivebus.service.ipc.client import SocketClient
 from drivebus.types import Json
-from fixtures.running_service import RunningService, all_states_known, http_service, token
+from fixtures.running_service import RunningService, all_states_known, plant_fixture, token
 from fixtures.service import WIDEST_LIMITS
 from fixtures.web_app import WebAppHarness
 
@@ -44,11 +43,7 @@ async def test_a_body_that_the_framework_rejects_has_the_common_error_shape(tmp_
 # --- with a real plant: the same rejection over every interface, starts that cannot be replayed ---------------------
 
 
-@pytest.fixture(scope="module")
-def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
-    with http_service(Path(tmp_path_factory.mktemp("plant"))) as found:
-        found.run_in_loop(lambda: found.kit.grant_waivers())
-        yield found
+plant = plant_fixture(grants_waivers=True)
 
 
 def response(plant: RunningService, role: Role, name: str, params: Json) -> httpx.Response:

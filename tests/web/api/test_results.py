@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from drivebus.simulator.motor import Trip
 from drivebus.types import Json
 from drivebus.values import Text
 from drivebus.web.operations import WEB_OPERATIONS
-from fixtures.running_service import RunningService, http_service, token
+from fixtures.running_service import RunningService, plant_fixture, token
 from fixtures.service import SHOP_FILE, WIDEST_LIMITS
 from fixtures.web_app import PASSWORD, WebAppHarness
 
@@ -42,11 +42,7 @@ OPEN_OBJECTS = {"AuditProblemObject"}
 """Objects whose further members depend on one that is declared."""
 
 
-@pytest.fixture(scope="module")
-def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
-    with http_service(Path(tmp_path_factory.mktemp("plant"))) as found:
-        found.run_in_loop(lambda: found.kit.grant_waivers())
-        yield found
+plant = plant_fixture(grants_waivers=True)
 
 
 @pytest.fixture(scope="module")

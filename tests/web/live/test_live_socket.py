@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Iterator
-from pathlib import Path
 
 import httpx
 import pytest
@@ -16,15 +14,12 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from drivebus.service.api.operations import API_PREFIX
 from drivebus.service.auth.rights import Role
 from drivebus.types import Json
-from fixtures.running_service import PASSWORD, RunningService, http_service, token
+from fixtures.running_service import PASSWORD, RunningService, plant_fixture, token
 
 TIMEOUT_S = 30.0
 
 
-@pytest.fixture(scope="module")
-def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
-    with http_service(Path(tmp_path_factory.mktemp("plant"))) as found:
-        yield found
+plant = plant_fixture()
 
 
 def live(plant: RunningService, query: str = "", **headers: str) -> connect:

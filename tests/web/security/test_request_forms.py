@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Iterator
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
 
 from drivebus.service.api.operations import API_PREFIX
 from drivebus.service.auth.rights import Role
-from fixtures.running_service import RunningService, http_service, token
+from fixtures.running_service import RunningService, plant_fixture, token
 
 TIMEOUT_S = 20.0
 STOP, DRIVE = f"{API_PREFIX}/drives/fan-1/stop", f"{API_PREFIX}/drives/fan-1"
 JSON = "Content-Type: application/json"
 
 
-@pytest.fixture(scope="module")
-def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
-    with http_service(Path(tmp_path_factory.mktemp("plant"))) as found:
-        yield found
+plant = plant_fixture()
 
 
 def status_of(plant: RunningService, line: str, *headers: str, body: bytes = b"") -> int:
