@@ -88,7 +88,7 @@ def format_addresses(addresses: Iterable[int]) -> str:
             ranges[-1][1:] = [address]
         else:
             ranges.append([address])
-    return ",".join("-".join(map(str, one)) for one in ranges)
+    return ",".join("-".join(map(str, ends)) for ends in ranges)
 
 
 def _parse_address(text: str, highest: int) -> int:

@@ -112,9 +112,9 @@ def background_output() -> Iterator[None]:
                 output.print_note("cli.output_lost", reason=SystemReason(error))
 
 
-def _have_one_target(one: TextIO, other: TextIO) -> bool:
+def _have_one_target(first: TextIO, other: TextIO) -> bool:
     """Return whether two streams lead to the same pipe, file or terminal. Raises OSError without a descriptor."""
-    targets = [os.fstat(stream.fileno()) for stream in (one, other)]
+    targets = [os.fstat(stream.fileno()) for stream in (first, other)]
     has_identity = targets[0].st_ino != 0  # a pipe of Windows has none
     return has_identity and os.path.samestat(*targets)
 

@@ -67,21 +67,23 @@ class Option(_FileCompletion, click.Option):
 
     def consume_value(self, ctx: click.Context, opts: Mapping[str, Any]) -> tuple[Any, Any]:
         """Return the value of an option. Raises BadParameter for two that differ."""
-        given = opts.get(self.name or "")
-        if isinstance(given, list):
-            self._require_values(ctx, given)
-        if self.is_flag or self.multiple or not isinstance(given, list):
+        occurrences = opts.get(self.name or "")
+        if isinstance(occurrences, list):
+            self._require_values(ctx, occurrences)
+        if self.is_flag or self.multiple or not isinstance(occurrences, list):
             return super().consume_value(ctx, opts)
-        if len(set(given)) > 1:
+        if len(set(occurrences)) > 1:
             key = "cli.given_twice_list" if (self.metavar or "").endswith(LIST_METAVAR) else "cli.given_twice"
             problem = output.text(
-                key, values=output.join(given, "items"), example=f"{max(self.opts, key=len)} {','.join(given)}"
+                key,
+                values=output.join(occurrences, "items"),
+                example=f"{max(self.opts, key=len)} {','.join(occurrences)}",
             )
             error = click.BadParameter(problem, ctx, self)
             if not self._leaves_out(ctx, error):
                 raise error
-            given = [None]
-        return super().consume_value(ctx, {**opts, str(self.name): given[0]})
+            occurrences = [None]
+        return super().consume_value(ctx, {**opts, str(self.name): occurrences[0]})
 
     def type_cast_value(self, ctx: click.Context, value: Any) -> Any:
         """Return the converted value, None for an invalid one that prevents no stop. Raises BadParameter."""
@@ -105,26 +107,26 @@ class Option(_FileCompletion, click.Option):
         Only where that prevents no stop; click would refuse the command before it converts any value.
         """
         end = words.index("--") if "--" in words else len(words)
-        kept = self._without_flag_value if self.is_flag else self._without_missing_value
-        return [*kept(ctx, words[:end]), *words[end:]]
+        remove_value = self._without_flag_value if self.is_flag else self._without_missing_value
+        return [*remove_value(ctx, words[:end]), *words[end:]]
 
     def _without_flag_value(self, ctx: click.Context, words: Sequence[str]) -> list[str]:
-        kept = []
+        words_left = []
         for word in words:
             name, separator, _ = word.partition("=")
             has_value = name in self.opts and bool(separator)
             is_left_out = has_value and self._leaves_out(ctx, click.BadOptionUsage(name, errors.FLAG_WITH_VALUE))
-            kept.append(name if is_left_out else word)
-        return kept
+            words_left.append(name if is_left_out else word)
+        return words_left
 
     def _without_missing_value(self, ctx: click.Context, words: Sequence[str]) -> list[str]:
         options = {name for param in ctx.command.params if isinstance(param, click.Option) for name in param.opts}
-        kept = []
+        words_left = []
         for word, following in zip_longest(words, words[1:]):
             is_missing = word in self.opts and (following is None or following.partition("=")[0] in options)
             if not (is_missing and self._leaves_out(ctx, click.BadOptionUsage(word, ""))):
-                kept.append(word)
-        return kept
+                words_left.append(word)
+        return words_left
 
     def help_text(self) -> str:
         """Return the explanation and the example."""
@@ -214,7 +216,7 @@ class CliCommand(_LocalizedHelp, click.Command):
                     output.print_note(key, why=errors.usage_text(error))
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse as click does; name a whole word such as ``-frequency`` in the error, not its first letter only."""
+        """Parse as click does, without invalid values that prevent no stop; an error names what was typed and meant."""
         words = list(args)
         if not self.stops and not ctx.resilient_parsing:
             for error in ctx.meta.get(_UNUSED_VALUES, {}).values():  # an option before the name of the command
@@ -225,21 +227,26 @@ class CliCommand(_LocalizedHelp, click.Command):
         try:
             return super().parse_args(ctx, args)
         except click.NoSuchOption as error:
-            typed = (word.partition("=")[0] for word in words if word[:2] == error.option_name)
-            if (word := next(typed, "--")) and not word.startswith("--"):
-                takes_frequency = any(param.metavar == "HZ" for param in self.params if isinstance(param, Argument))
-                if takes_frequency and word[1:2].isdecimal():
-                    raise click.UsageError(output.text("cli.no_negative_frequency"), ctx) from None
-                alike = [name for param in self.params for name in param.opts if name == f"-{word}"]
-                raise click.NoSuchOption(word, possibilities=alike, ctx=ctx) from None
-            known = {name for param in self.params for name in param.opts}
-            meant = [name for name in _OPTION_SYNONYMS.get(error.option_name, ()) if name in known]
-            if meant:
-                error.possibilities = meant  # type: ignore[misc]  # its constructor keeps only similar words
-            raise
+            raise self._unknown_option_error(error, words, ctx) from None
         except click.BadOptionUsage as error:
             error.ctx = error.ctx or ctx  # the parser of click leaves it out
             raise
+
+    def _unknown_option_error(
+        self, error: click.NoSuchOption, words: Sequence[str], ctx: click.Context
+    ) -> click.UsageError:
+        """Return the error of an unknown option with the whole word that was typed, and the options that were meant."""
+        known = [name for param in self.params for name in param.opts]
+        word = next((word.partition("=")[0] for word in words if word[:2] == error.option_name), "--")
+        if not word.startswith("--"):
+            takes_frequency = any(param.metavar == "HZ" for param in self.params if isinstance(param, Argument))
+            if takes_frequency and word[1:2].isdecimal():
+                return click.UsageError(output.text("cli.no_negative_frequency"), ctx)
+            return click.NoSuchOption(word, possibilities=[name for name in known if name == f"-{word}"], ctx=ctx)
+        meant = [name for name in _OPTION_SYNONYMS.get(error.option_name, ()) if name in known]
+        if meant:
+            error.possibilities = meant  # type: ignore[misc]  # its constructor keeps only similar words
+        return error
 
     def get_short_help_str(self, limit: int = 45) -> str:
         return output.text(f"help.{self.help_key}.short")

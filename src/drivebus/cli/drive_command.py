@@ -143,22 +143,22 @@ def drive_command(
     runs while the command prints, so that it never waits for the reader of its output.
     """
 
-    def run_stop(**given: Any) -> ExitCode:
-        with stop_to_the_end(dry_run=given["dry_run"]), stop_errors(given["drive"]):
-            return run(**given)
+    def run_stop(**arguments: Any) -> ExitCode:
+        with stop_to_the_end(dry_run=arguments["dry_run"]), stop_errors(arguments["drive"]):
+            return run(**arguments)
 
-    def run(**given: Any) -> ExitCode:
-        if on_group is not None and (group := given.pop("group")) is not None:
-            return asyncio.run(on_group(_pop_service_of_group(given), group, **given))  # type: ignore[arg-type]
-        remote = pop_remote_target(given)
-        dry_run = given.pop("dry_run")
-        target = remote or replace(pop_target(given), must_record=not stops)
+    def run(**arguments: Any) -> ExitCode:
+        if on_group is not None and (group := arguments.pop("group")) is not None:
+            return asyncio.run(on_group(_pop_service_of_group(arguments), group, **arguments))  # type: ignore[arg-type]
+        remote = pop_remote_target(arguments)
+        dry_run = arguments.pop("dry_run")
+        target = remote or replace(pop_target(arguments), must_record=not stops)
         if dry_run:
             from drivebus.cli.dry_run import DryRun
 
-            return plan(DryRun(target), **given)
+            return plan(DryRun(target), **arguments)
         with background_output() if stays_attached else nullcontext():
-            return asyncio.run(execute(target, **given))  # type: ignore[arg-type]
+            return asyncio.run(execute(target, **arguments))  # type: ignore[arg-type]
 
     port, *rest = options.drive_options()
     params = [port, *[param for param in extra if param.param_type_name == "argument"], *rest]
@@ -196,7 +196,7 @@ def pop_remote_target(arguments: dict[str, Any]) -> Target | None:
     try:
         view = call_once(service, DRIVES_GET.name, {"drive": drive})
     except InvalidParameters:  # no name of a drive by its form, such as a title
-        names = sorted(one["id"] for one in call_once(service, DRIVES_LIST.name, {})["drives"])
+        names = sorted(each["id"] for each in call_once(service, DRIVES_LIST.name, {})["drives"])
         raise NotFound("plant.no_drive", id=drive, known=names) from None
     return Target(port=service, model=view["model"], address=view["address"], service=service, drive=drive)
 

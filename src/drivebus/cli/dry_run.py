@@ -167,7 +167,7 @@ class DryRun:
     def add_readiness(self) -> None:
         """Add the reads of the pre-flight check (model, preconditions, maximum frequency, ramp times) and the state."""
         profile, share = self.dialect.profile, self.dialect.profile.setpoint_share
-        names = [one.notation for one in profile.preconditions]
+        names = [precondition.notation for precondition in profile.preconditions]
         names += [share.maximum] if share is not None and share.maximum is not None else []
         if profile.identity_codes is not None:
             self.add("identity", self.dialect.identity_reads())
@@ -176,8 +176,12 @@ class DryRun:
         self.add("state", self.dialect.state_reads())
 
     def _parameter_reads(self, notations: Iterable[str]) -> list[Any]:
-        wanted = [self.dialect.profile.parameters.get(notation) for notation in notations]
-        return [self.dialect.read_parameter(one) for one in wanted if one is not None and one.readable]
+        parameters = [self.dialect.profile.parameters.get(notation) for notation in notations]
+        return [
+            self.dialect.read_parameter(parameter)
+            for parameter in parameters
+            if parameter is not None and parameter.readable
+        ]
 
     def add_start_preparation(self) -> None:
         """Add the unlock and the words that the model may need before a start, each once, with a note."""

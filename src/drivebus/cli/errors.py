@@ -153,20 +153,22 @@ def error_json(error: DrivebusError) -> dict[str, Any]:
 def error_hint(error: DrivebusError) -> str | None:
     """Return the remedy at the command line, ``hint.<key>`` of the error or its cause; None without one."""
     cause = error.__cause__
-    for one in (error, cause) if isinstance(cause, DrivebusError) else (error,):
-        own = next(filter(None, (_HINTS_OF_VALUES.get((one.key, str(value))) for value in one.params.values())), None)
-        if i18n.known(key := own or f"hint.{_SHARED_HINTS.get(one.key, one.key)}"):
-            return output.text(key, **one.params)
-    if any(isinstance(one, EchoError) for one in (error, cause)):
+    for reason in (error, cause) if isinstance(cause, DrivebusError) else (error,):
+        own = next(
+            filter(None, (_HINTS_OF_VALUES.get((reason.key, str(value))) for value in reason.params.values())), None
+        )
+        if i18n.known(key := own or f"hint.{_SHARED_HINTS.get(reason.key, reason.key)}"):
+            return output.text(key, **reason.params)
+    if any(isinstance(reason, EchoError) for reason in (error, cause)):
         return output.text("hint.reply_to_another_request")
-    is_damaged = any(isinstance(one, _DAMAGED_REPLIES) for one in (error, cause))
+    is_damaged = any(isinstance(reason, _DAMAGED_REPLIES) for reason in (error, cause))
     return output.text("hint.damaged_reply") if is_damaged else None
 
 
 def error_text(error: DrivebusError) -> str:
     """Return the error's text; an unknown model name gets the list of models."""
     diagnostics = error.params.get("diagnostics") or ()
-    if [one.kind for one in diagnostics] == ["no_model"]:
+    if [diagnostic.kind for diagnostic in diagnostics] == ["no_model"]:
         from drivebus import profiles
         from drivebus.profiles.listing import models_of_maker
 
@@ -247,7 +249,12 @@ def _usage_hint(error: click.ClickException) -> str | None:
         key = f"cli.no_such_option.{error.option_name.lstrip('-')}"
         return key if i18n.known(key) else None
     extra, context = _EXTRA_ARGUMENTS.fullmatch(error.message), getattr(error, "ctx", None)
-    if extra and extra[1].isdecimal() and context and any("--frequency" in one.opts for one in context.command.params):
+    if (
+        extra
+        and extra[1].isdecimal()
+        and context
+        and any("--frequency" in param.opts for param in context.command.params)
+    ):
         return "cli.missing.frequency"
     return _missing_hint(error) if isinstance(error, click.MissingParameter) else None
 

@@ -29,7 +29,7 @@ def _complete_models(ctx: click.Context, param: click.Parameter, incomplete: str
 def complete_model_list(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Return the lists with each model that begins as the last word of a list."""
     before, comma, last = incomplete.rpartition(",")
-    return [CompletionItem(before + comma + str(one.value)) for one in _complete_models(ctx, param, last)]
+    return [CompletionItem(before + comma + str(item.value)) for item in _complete_models(ctx, param, last)]
 
 
 def complete_ports(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -104,15 +104,15 @@ def profile_option() -> click.Option:
 
 
 def reject_second_value(
-    ctx: click.Context, param: click.Parameter, given: tuple[tuple[str, Any], ...]
+    ctx: click.Context, param: click.Parameter, assignments: tuple[tuple[str, Any], ...]
 ) -> tuple[tuple[str, Any], ...]:
     """Return assignments. Raises BadParameter for two values of one name that differ."""
     values: dict[str, Any] = {}
-    for name, value in given:
+    for name, value in assignments:
         if values.setdefault(name, value) != value:
             both = output.join([f"{name}={values[name]}", f"{name}={value}"], "items")
             raise click.BadParameter(output.text("cli.given_twice", values=both), ctx, param)
-    return given
+    return assignments
 
 
 def record_option() -> click.Option:

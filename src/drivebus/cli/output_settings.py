@@ -26,7 +26,7 @@ def output_settings(arguments: Sequence[str]) -> OutputSettings:
     for index, argument in enumerate(own):
         name, _, value = argument.partition("=")
         if name == "--lang":
-            wanted = value or (own[index + 1] if index + 1 < len(own) else "")
-            settings.language = wanted if wanted in i18n.LANGUAGES else settings.language
+            language = value or (own[index + 1] if index + 1 < len(own) else "")
+            settings.language = language if language in i18n.LANGUAGES else settings.language
         settings.as_json = settings.as_json or argument == "--json"
     return settings

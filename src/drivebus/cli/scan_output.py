@@ -162,8 +162,8 @@ def _readable_rows(detected: list[DetectedDrive]) -> list[list[str]]:
     for drive in detected:
         encodings.setdefault((drive.address, drive.models, _note(drive), drive.settings), []).append(drive.encoding)
     settings: dict[tuple[int, tuple[str, ...], str, tuple[str, ...]], list[SerialSettings]] = {}
-    for (address, models, note, one), names in encodings.items():
-        settings.setdefault((address, models, note, tuple(names)), []).append(one)
+    for (address, models, note, serial), names in encodings.items():
+        settings.setdefault((address, models, note, tuple(names)), []).append(serial)
     return [
         [
             str(address),
@@ -201,8 +201,8 @@ def _unreadable_rows(detected: list[DetectedDrive]) -> list[list[str]]:
 def _formats_by_baud(settings: Iterable[SerialSettings]) -> list[str]:
     """Return ``9600 8N1/8E1`` for each baud rate."""
     formats: dict[int, dict[str, None]] = {}
-    for one in settings:
-        formats.setdefault(one.baud, {})[one.format] = None
+    for serial in settings:
+        formats.setdefault(serial.baud, {})[serial.format] = None
     return [f"{baud} {'/'.join(names)}" for baud, names in formats.items()]
 
 

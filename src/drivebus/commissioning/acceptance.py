@@ -225,12 +225,15 @@ async def check_unplug(session: AcceptanceSession) -> StepOutcome:
         with drive.monitor():
             if not await session.race(_wait_until(lambda: not bus.is_open)):
                 return False, {"noticed": False}
-            lost = bus.now()
+            lost_at = bus.now()
             if not await session.race(_wait_until(lambda: bus.is_open)):
                 return False, {"noticed": True, "back": False}
             back = bus.now()
             answered = await session.race(_wait_until(lambda: _replied_since(bus, drive, back)))
-            figures: dict[str, Any] = {"away_s": round(back - lost, 3), "polling_after_s": round(bus.now() - back, 3)}
+            figures: dict[str, Any] = {
+                "away_s": round(back - lost_at, 3),
+                "polling_after_s": round(bus.now() - back, 3),
+            }
             return answered and bus.now() - back <= REPLUG_POLL_MAX_S, figures
 
 
@@ -240,12 +243,12 @@ async def check_power_loss(session: AcceptanceSession) -> StepOutcome:
         with drive.monitor():
             if not await session.race(_wait_until(lambda: bus.presence(drive.address) is Presence.OFFLINE)):
                 return False, {"offline": False}
-            gone = bus.now()
+            offline_at = bus.now()
             answered = await session.race(
-                _wait_until(lambda: _replied_since(bus, drive, gone), PERSON_TIMEOUT_S + OFFLINE_DETECTED_MAX_S)
+                _wait_until(lambda: _replied_since(bus, drive, offline_at), PERSON_TIMEOUT_S + OFFLINE_DETECTED_MAX_S)
             )
             await session.race(replies_now(bus, drive))
-            return answered, {"offline": True, "away_s": round(bus.now() - gone, 3)}
+            return answered, {"offline": True, "away_s": round(bus.now() - offline_at, 3)}
 
 
 async def replies_now(bus: Bus, drive: Drive) -> bool:

@@ -165,11 +165,11 @@ def _build_passes(
     low = min(candidate.profile.addresses[0] for candidate in candidates)
     high = max(candidate.profile.addresses[1] for candidate in candidates)
     broadcasts = {candidate.profile.broadcast for candidate in candidates}
-    wanted = [a for a in (addresses or range(low, high + 1)) if low <= a <= high and a not in broadcasts]
+    searched = [a for a in (addresses or range(low, high + 1)) if low <= a <= high and a not in broadcasts]
     factory_settings = {f"{c.profile.serial.baud} {c.profile.serial.format}" for c in candidates}
     is_likely_baud = settings.baud in LIKELY_BAUDS
-    likely = tuple(address for address in wanted if is_likely_baud and address in LIKELY_ADDRESSES)
-    others = tuple(address for address in wanted if is_documented and address not in likely)
+    likely = tuple(address for address in searched if is_likely_baud and address in LIKELY_ADDRESSES)
+    others = tuple(address for address in searched if is_documented and address not in likely)
     probe_s = probe_duration_s(candidates, settings)
     return [
         ScanPass(
@@ -197,8 +197,8 @@ def device_duration_s(scan_pass: ScanPass) -> float:
     for candidate in scan_pass.candidates:
         address = max(1, candidate.profile.addresses[0])
         dialect = create_dialect(candidate.profile, address, encoding=candidate.encoding)
-        asked = [probe_request(dialect), *further_reads(dialect), *dialect.identity_reads()]
-        reads |= {probe_frame(dialect, request) for request in asked}
+        requests = [probe_request(dialect), *further_reads(dialect), *dialect.identity_reads()]
+        reads |= {probe_frame(dialect, request) for request in requests}
     return len(reads) * scan_pass.probe_s
 
 
@@ -217,9 +217,9 @@ def _slowest(timing: StationTiming, candidates: Sequence[ScanCandidate]) -> Stat
     timings = [timing, *(candidate.profile.timing for candidate in candidates)]
     return replace(
         timing,
-        reply_delay_s=max(one.reply_delay_s for one in timings),
-        reply_delay_characters=max(one.reply_delay_characters for one in timings),
-        max_reply_lateness_s=max(one.max_reply_lateness_s for one in timings),
+        reply_delay_s=max(each.reply_delay_s for each in timings),
+        reply_delay_characters=max(each.reply_delay_characters for each in timings),
+        max_reply_lateness_s=max(each.max_reply_lateness_s for each in timings),
     )
 
 

@@ -165,9 +165,9 @@ async def _broadcast(bus: Bus, drives: Sequence[Drive]) -> tuple[FrameExchange, 
     that is switched off may have been exchanged, and the new one may have any address.
     """
     requests: dict[bytes, BusRequest] = {}
-    has_unproved_model = not all(drive.is_model_known for drive in drives)
+    has_unconfirmed_model = not all(drive.is_model_known for drive in drives)
     for drive in drives:
-        must_wait = has_unproved_model and drive.profile.needs_model_check
+        must_wait = has_unconfirmed_model and drive.profile.needs_model_check
         if must_wait or "broadcast_stop" not in drive.profile.capabilities:
             continue
         for request in drive.dialect.broadcast_stop():

@@ -225,13 +225,13 @@ class Drive:
         ``requested_at``, by ``bus.now()``: a frame that moves leaves at most 5 s after it, checks included; None: at
         most 2 s after the checks.
         """
-        way = None if direction is None else Direction(direction)
+        parsed_direction = None if direction is None else Direction(direction)
         with self._runner.command(requested_at) as op:
-            outcome = await self._stops.run_motion(start.run(op, frequency_hz, way, will_wait=wait))
+            outcome = await self._stops.run_motion(start.run(op, frequency_hz, parsed_direction, will_wait=wait))
             if not wait:
                 return outcome
             waiting = wait_at_speed(
-                op, frequency_hz, outcome, timeout_s=timeout_s, direction=way, on_progress=on_progress
+                op, frequency_hz, outcome, timeout_s=timeout_s, direction=parsed_direction, on_progress=on_progress
             )
             return raise_for_status(await self._runner.run(waiting))
 

@@ -142,10 +142,10 @@ class TopicCache:
             change.urgent.add(topic)
 
     def _replace_signals(self, topic: str, previous: Json, signals: Json, change: TopicChange) -> None:
-        gone = previous.keys() - signals.keys()  # of a drive that a reload has replaced by another model
+        absent = previous.keys() - signals.keys()  # of a drive that a reload has replaced by another model
         changed = {name for name, value in signals.items() if previous.get(name, _MISSING) != value}
-        change.signals[topic] = changed | gone
-        if gone or any(
+        change.signals[topic] = changed | absent
+        if absent or any(
             name not in previous or previous[name]["quality"] != signals[name]["quality"] for name in changed
         ):
             change.urgent.add(topic)

@@ -48,7 +48,7 @@ class UpstreamFeed:
     def leave(self, subscriber: Subscriber, group: FanoutGroup) -> None:
         """Remove a subscriber. Idempotent."""
         group.leave(subscriber)
-        self._groups = {key: one for key, one in self._groups.items() if one.subscribers}
+        self._groups = {key: joined for key, joined in self._groups.items() if joined.subscribers}
         self._update_streams()
 
     def close(self, reason: str) -> None:

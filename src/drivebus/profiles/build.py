@@ -120,12 +120,12 @@ def _build_serial(parsed: ProfileFile) -> m.SerialDefaults:
 
 def _build_signals(parsed: ProfileFile) -> dict[str, m.Signal]:
     """Build the signals whose address is known; others can't be polled."""
-    placed = {}
+    signals = {}
     for name, signal in parsed.signals.items():
         locator = resolve_locator(parsed, signal.notation, signal)
         if isinstance(locator, tuple):
-            placed[name] = _build_signal(name, signal, locator)
-    return placed
+            signals[name] = _build_signal(name, signal, locator)
+    return signals
 
 
 def _build_signal(name: str, parsed: SignalTable, locator: Locator) -> m.Signal:
@@ -146,18 +146,18 @@ def _build_signal(name: str, parsed: SignalTable, locator: Locator) -> m.Signal:
 
 def _build_parameters(parsed: ProfileFile) -> tuple[dict[str, m.Parameter], dict[str, m.UnplacedParameter]]:
     """Build the parameters with an address, and the reason for each that has none."""
-    placed: dict[str, m.Parameter] = {}
+    parameters: dict[str, m.Parameter] = {}
     unplaced: dict[str, m.UnplacedParameter] = {}
     for notation, parameter in parsed.parameters.items():
         locator = resolve_locator(parsed, notation, parameter)
         if isinstance(locator, tuple):
             option_value = option_values(parsed).get(parameter.maximum_option or "")
             maximum = float(option_value) if isinstance(option_value, int) else parameter.maximum
-            placed[notation] = _build_parameter(notation, parameter, locator, maximum)
+            parameters[notation] = _build_parameter(notation, parameter, locator, maximum)
         elif isinstance(locator, Exception):
             described = _build_parameter(notation, parameter, ("unplaced", 0), parameter.maximum)
             unplaced[notation] = m.UnplacedParameter(described, Text.per_language(locator.text))
-    return placed, unplaced
+    return parameters, unplaced
 
 
 def _build_parameter(notation: str, parsed: ParameterTable, locator: Locator, maximum: float | None) -> m.Parameter:

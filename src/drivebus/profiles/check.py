@@ -95,13 +95,13 @@ def _check_waits(profile: ProfileFile) -> Iterator[Issue]:
     if timing.gap_characters < gap:
         yield issue("range", ("timing", "gap_characters"), timing.gap_characters, bound=f">= {gap}")
     per_second = min(profile.serial.bauds) / BITS_OF_A_CHARACTER
-    most = max(gap, MAX_GAP_S * per_second)
-    if timing.gap_characters > most:
-        yield issue("range", ("timing", "gap_characters"), timing.gap_characters, bound=f"<= {most:.3g}")
-    most = (MAX_WAIT_S - timing.reply_delay_s) * per_second
-    if timing.reply_delay_characters > most:
+    highest = max(gap, MAX_GAP_S * per_second)
+    if timing.gap_characters > highest:
+        yield issue("range", ("timing", "gap_characters"), timing.gap_characters, bound=f"<= {highest:.3g}")
+    highest = (MAX_WAIT_S - timing.reply_delay_s) * per_second
+    if timing.reply_delay_characters > highest:
         path, related = ("timing", "reply_delay_characters"), (("timing", "reply_delay_s"),)
-        yield issue("range", path, timing.reply_delay_characters, related=related, bound=f"<= {most:.3g}")
+        yield issue("range", path, timing.reply_delay_characters, related=related, bound=f"<= {highest:.3g}")
 
 
 def _check_limits(profile: ProfileFile) -> Iterator[Issue]:
@@ -158,19 +158,32 @@ def _check_capabilities(profile: ProfileFile) -> Iterator[Issue]:
         if getattr(profile, section) is None:
             yield issue("missing_key", (section,), None, name=section)
     yield from _check_modbus(profile)
-    if "status" in able or profile.status:  # a status word is read, and confirms a stop, without the capability too
-        table, states = offered_states(profile)
-        fault = () if profile.status and profile.status.hides_faults else ("fault",)
-        paused = ("paused",) if "pause" in able else ()
-        stopped = ("stopped",) if profile.status and profile.status.values else ()
-        for state in ("running", *fault, *stopped, *paused):
-            if state not in states and "status" in able:
-                yield issue("needs", ("capabilities",), "status", what=f"{table} {state}")
-            elif state not in states:
-                yield issue("missing_key", ("status",), None, name=f"{table} {state}")
+    yield from _check_status_names(profile)
     yield from _check_standstill(profile)
+    yield from _check_command_names(profile)
+
+
+def _check_status_names(profile: ProfileFile) -> Iterator[Issue]:
+    """Check that the status word has the states that every model needs, and those of its capabilities."""
+    able, status = set(profile.capabilities), profile.status
+    if "status" not in able and status is None:
+        return  # a status word is read, and confirms a stop, without the capability too
+    table, states = offered_states(profile)
+    fault = () if status and status.hides_faults else ("fault",)
+    paused = ("paused",) if "pause" in able else ()
+    stopped = ("stopped",) if status and status.values else ()
+    for state in ("running", *fault, *stopped, *paused):
+        if state not in states and "status" in able:
+            yield issue("needs", ("capabilities",), "status", what=f"{table} {state}")
+        elif state not in states:
+            yield issue("missing_key", ("status",), None, name=f"{table} {state}")
+
+
+def _check_command_names(profile: ProfileFile) -> Iterator[Issue]:
+    """Check that the command word has what each capability needs."""
     if profile.commands is None:
         return
+    able = set(profile.capabilities)
     if not profile.commands.rewrite_levels_after_pulse:  # the word of a hold would drop the direction of the run
         for hold in sorted(able & {"pause", "hold_ramp"}):
             yield issue("needs", ("capabilities",), hold, what="commands.rewrite_levels_after_pulse = true")
@@ -363,7 +376,7 @@ def resolve_locator(profile: ProfileFile, notation: str, entry: ValueTable) -> L
 def _check_locators(profile: ProfileFile) -> Iterator[Issue]:
     """Yield wrong notations, addresses outside the space, and entries that share an address."""
     register_based = protocol_family(profile.family).register_based
-    taken = _command_locators(profile)
+    name_by_locator = _command_locators(profile)
     eeprom_bit = profile.write.eeprom_address_bit or 0
     eeprom_bit = eeprom_bit if eeprom_bit.bit_count() == 1 else 0  # otherwise reported by _check_registers
     mask = profile.write.ram_address_mask or 0
@@ -390,7 +403,7 @@ def _check_locators(profile: ProfileFile) -> Iterator[Issue]:
                 if index & mask != mask:
                     yield issue("choice", at, f"{index:04X}H", choices=f"{index | mask:04X}H")
             places = [register + place for register in sorted(registers) for place in range(entry.words)]
-            others = [taken.setdefault((space, place), path[1]) for place in places]
+            others = [name_by_locator.setdefault((space, place), path[1]) for place in places]
             for other in dict.fromkeys(other for other in others if other != path[1]):
                 related = (("signals", other, "notation"), ("parameters", other), ("group_sizes",))
                 yield issue("duplicate", at, notation, related=related, other=other)

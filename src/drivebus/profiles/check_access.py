@@ -96,7 +96,7 @@ def _check_replies(profile: ProfileFile) -> Iterator[Issue]:
 def _check_blocks(profile: ProfileFile) -> Iterator[Issue]:
     """Check that each block can be read at once, and that its reply does not look like that to a sync probe."""
     modbus = profile.modbus
-    taken: dict[int, int] = {}
+    block_of: dict[int, int] = {}
     for place, (first, count) in enumerate(modbus.blocks if modbus else []):
         path: KeyPath = ("modbus", "blocks", place)
         low = 2 if modbus is not None and modbus.loopback else SYNC_READ_COUNT + 1
@@ -104,8 +104,8 @@ def _check_blocks(profile: ProfileFile) -> Iterator[Issue]:
         if not low <= count <= high:
             yield issue("range", path, count, related=(("modbus", "blocks"),), bound=f"{low} - {high}")
         for register in range(first, first + count):
-            if taken.setdefault(register, place) != place:
-                other = f"[modbus] blocks {taken[register] + 1}"
+            if block_of.setdefault(register, place) != place:
+                other = f"[modbus] blocks {block_of[register] + 1}"
                 yield issue("duplicate", path, f"{register:04X}H", related=(("modbus", "blocks"),), other=other)
                 break
     if modbus is not None and modbus.sync_block is not None:

@@ -204,11 +204,11 @@ def _find_hidden_motion(values: dict[int, str], mask: int) -> Iterator[Issue]:
     for value, name in values.items():
         if name not in ("fault", "not_ready"):
             continue
-        others = [one for one, other in values.items() if other in STATES_WITHOUT_MOTION and other != name]
+        standing = [number for number, other in values.items() if other in STATES_WITHOUT_MOTION and other != name]
         for bit in (1 << place for place in range(16) if value >> place & 1):
-            is_run_bit = any(bit & one for one in moving) and not any(bit & one for one in others)
+            is_run_bit = any(bit & number for number in moving) and not any(bit & number for number in standing)
             if is_run_bit and values.get(value ^ bit, name if has_gaps else None) == name:
-                related = [("status", "values", str(one)) for one in moving if bit & one]
+                related = [("status", "values", str(number)) for number in moving if bit & number]
                 path = ("status", "values", str(value))
                 yield issue("hidden_motion", path, name, related=related, bit=f"{bit:04X}H")
                 break

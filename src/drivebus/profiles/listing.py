@@ -25,11 +25,11 @@ def list_models() -> Iterator[dict[str, Any] | ProfileError]:
 def models_of_maker(maker: str) -> list[str]:
     """Return the models of a maker, whose name in any language has this word."""
     word = maker.strip().casefold()
-    summaries = [one for one in list_models() if not isinstance(one, ProfileError)]
+    summaries = [summary for summary in list_models() if not isinstance(summary, ProfileError)]
     return [
-        one["model"]
-        for one in summaries
-        if word in (part.casefold() for text in one["maker"].by_language().values() for part in text.split())
+        summary["model"]
+        for summary in summaries
+        if word in (part.casefold() for text in summary["maker"].by_language().values() for part in text.split())
     ]
 
 

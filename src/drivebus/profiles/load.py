@@ -176,7 +176,7 @@ def _in_any_case(name: str, known: Collection[str]) -> str | None:
     """Return the one of the known names that equals ``name``, else the only one that differs in case alone."""
     if name in known:
         return name
-    alike = [one for one in known if one.casefold() == name.casefold()]
+    alike = [model for model in known if model.casefold() == name.casefold()]
     return alike[0] if len(alike) == 1 else None
 
 

@@ -143,7 +143,7 @@ def _no_group_error(profile: DriveProfile, name: str) -> ProfileError | None:
     listed = map(
         _group_and_item, [*profile.parameters, *profile.unplaced, *(f"{group}.0" for group in profile.group_sizes)]
     )
-    groups, named = sorted({one[0] for one in listed if one}), _group_and_item(name)
+    groups, named = sorted({part[0] for part in listed if part}), _group_and_item(name)
     if named is None or not groups or named[0] <= groups[-1]:
         return None
     names = tuple(f"F{group:02d}" for group in groups)

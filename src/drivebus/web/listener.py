@@ -36,7 +36,7 @@ class BoundedListener(socket.socket):
     @property
     def open_count(self) -> int:
         """Number of connections that are open."""
-        return sum(one.fileno() >= 0 for one, _ in self._open)
+        return sum(connection.fileno() >= 0 for connection, _ in self._open)
 
     def accept(self) -> tuple[socket.socket, Any]:
         """Return the next connection within the limits; close those beyond. Raises BlockingIOError, OSError."""
@@ -50,7 +50,7 @@ class BoundedListener(socket.socket):
                 continue
             client = str(address[0])
             network = None if self._is_proxy(client) else limited_network(client)
-            self._open = [(one, of) for one, of in self._open if one.fileno() >= 0]
+            self._open = [(accepted, of) for accepted, of in self._open if accepted.fileno() >= 0]
             same = network is not None and sum(of == network for _, of in self._open) >= MAX_CONNECTIONS_PER_ADDRESS
             if not same and len(self._open) < MAX_CONNECTIONS + OVERLOAD_CONNECTIONS:
                 self._open.append((connection, network))

@@ -32,7 +32,7 @@ class LoopPauses:
                 now = clock()
                 pause_s = self._present_pause_s(now)
                 backlog_s = min(max(MIN_BACKLOG_S, pause_s), MAX_BACKLOG_S)
-                self._ended_pauses = [one for one in self._ended_pauses if one[1] > now]
+                self._ended_pauses = [pause for pause in self._ended_pauses if pause[1] > now]
                 self._ended_pauses.append((pause_s, now + backlog_s))
         finally:
             self._last_iteration_at = None

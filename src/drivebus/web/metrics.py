@@ -117,7 +117,7 @@ DRIVE_METRICS = (
     Metric("drive_state", ("drive", "state")),
     Metric("drive_state_age_seconds", ("drive",)),
     Metric("drive_fault_code", ("drive",)),
-    *(Metric(one.metric, ("drive",)) for one in SIGNAL_METRICS),
+    *(Metric(signal.metric, ("drive",)) for signal in SIGNAL_METRICS),
     Metric("drive_signal_valid", ("drive", "signal")),
     Metric("drive_signal_age_seconds", ("drive", "signal")),
     Metric("drive_commanded_frequency_hertz", ("drive",)),

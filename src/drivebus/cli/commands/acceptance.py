@@ -104,11 +104,11 @@ async def _read_line() -> str:
         loop.remove_reader(sys.stdin)
 
 
-def _acceptance(*, motor: bool, frequency: float, folder: Path, **given: Any) -> ExitCode:
+def _acceptance(*, motor: bool, frequency: float, folder: Path, **arguments: Any) -> ExitCode:
     folder.mkdir(parents=True, exist_ok=True)
     check_writable(folder / "report", replace=True)
     with background_output():
-        return asyncio.run(_run(pop_target(given), folder, motor=motor, frequency_hz=frequency))
+        return asyncio.run(_run(pop_target(arguments), folder, motor=motor, frequency_hz=frequency))
 
 
 async def _run(target: Target, folder: Path, *, motor: bool, frequency_hz: float) -> ExitCode:
@@ -136,11 +136,11 @@ async def _run(target: Target, folder: Path, *, motor: bool, frequency_hz: float
                 report_error = error
                 with output.continue_without_output():
                     print_error(from_os_error(error))
-    if any(isinstance(one.figures.get("error"), StopUnconfirmed) for one in findings):
+    if any(isinstance(finding.figures.get("error"), StopUnconfirmed) for finding in findings):
         return ExitCode.UNKNOWN
     if shutdown.received:
         return ExitCode.INTERRUPTED
-    failed = any(one.verdict is StepResult.FAILED for one in findings)
+    failed = any(finding.verdict is StepResult.FAILED for finding in findings)
     return ExitCode.FAILED if failed else ExitCode.DONE if report_error is None else ExitCode.USAGE
 
 
@@ -196,11 +196,11 @@ def write_report(folder: Path, target: Target, findings: list[StepFinding]) -> N
         "model": target.model,
         "address": target.address,
     }
-    document = head | {"findings": [_finding_json(one) for one in findings]}
+    document = head | {"findings": [_finding_json(finding) for finding in findings]}
     text = (
         output.text("acceptance.title", **head)
         + "\n\n"
-        + "\n".join("- " + "\n    ".join(_finding_lines(one)) for one in findings)
+        + "\n".join("- " + "\n    ".join(_finding_lines(finding)) for finding in findings)
         + "\n"
     )
     for suffix, content in ((".json", json.dumps(document, indent=1, ensure_ascii=False) + "\n"), (".md", text)):

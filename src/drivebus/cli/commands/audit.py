@@ -97,9 +97,9 @@ def _state_directory(plant: str | None) -> tuple[Path, AuditConfig]:
         from drivebus.service.config.build import state_directory
 
         plants = state_directory("x").parent
-        directories = sorted(one for one in plants.iterdir() if one.is_dir()) if plants.is_dir() else []
+        directories = sorted(path for path in plants.iterdir() if path.is_dir()) if plants.is_dir() else []
         if len(directories) != 1:
-            raise ConfigurationError("audit.command.which", plants=tuple(one.name for one in directories) or "-")
+            raise ConfigurationError("audit.command.which", plants=tuple(path.name for path in directories) or "-")
         return directories[0], AuditConfig()
     if Path(plant).suffix != ".toml":
         return Path(plant), AuditConfig()

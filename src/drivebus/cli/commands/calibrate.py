@@ -75,7 +75,9 @@ def _print_determined(drive: Drive) -> None:
     from drivebus.drives.operations.calibration import calibration_steps
 
     for step in calibration_steps(drive.dialect):
-        value, undetermined = (str(one).lower() for one in (drive.dialect.options[step.option], step.undetermined))
+        value, undetermined = (
+            str(option_value).lower() for option_value in (drive.dialect.options[step.option], step.undetermined)
+        )
         output.print_message("calibrate.known", option=step.option, value=value, undetermined=undetermined)
 
 
@@ -157,8 +159,8 @@ def _plan(dry: DryRun) -> ExitCode:
     return dry.print("dry.note.fewer", "dry.note.confirm")
 
 
-def _run(*, dry_run: bool, **given: Any) -> ExitCode:
-    target = pop_target(given)
+def _run(*, dry_run: bool, **arguments: Any) -> ExitCode:
+    target = pop_target(arguments)
     if dry_run:
         from drivebus.cli.dry_run import DryRun
 

@@ -48,7 +48,7 @@ def _print_result(file: str, out: str, capture: Capture, frames: list[CapturedFr
 
 
 def _counts(frames: list[CapturedFrame]) -> dict[str, int]:
-    received, modbus = sum(one.received for one in frames), sum(one.modbus for one in frames)
+    received, modbus = sum(frame.received for frame in frames), sum(frame.modbus for frame in frames)
     count = len(frames)
     return {"frames": count, "sent": count - received, "received": received, "modbus": modbus, "other": count - modbus}
 

@@ -48,7 +48,7 @@ def _check(plant: str, requirements: tuple[LoadRequirement, ...]) -> ExitCode:
     states, exposed = tuple(certificate_states(config)), list(certificate_problems(config))
     more = {
         "certificates": _certificate_documents(states),
-        "slow_adapters": [asdict(one) for one in slow_adapters],
+        "slow_adapters": [asdict(slow) for slow in slow_adapters],
         "warnings": list(config.warnings),
         "exposed_files": [error_json(error)["error"] for error in exposed],
     }
@@ -175,7 +175,8 @@ def _document(
             "requirement": requirement.text,
             "met": not violations,
             "violations": [
-                {"name": one.name, "signal": one.signal, "found": round(one.found, 6)} for one in violations
+                {"name": violation.name, "signal": violation.signal, "found": round(violation.found, 6)}
+                for violation in violations
             ],
         }
         for requirement, violations in missed.items()
@@ -193,16 +194,16 @@ def _document(
 def _bus_document(bus: BusLoadEstimate) -> dict[str, Any]:
     drives = [
         {
-            "drive": one.drive,
-            "address": one.address,
-            "model": one.model,
-            "load_percent": round(one.load_percent, 3),
-            "stop_bound_s": round(one.stop_bound_s, 6),
-            "min_poll_interval_s": one.min_poll_interval_s,
-            "period_s": {name: round(value, 6) for name, value in one.periods.items()},
-            "refresh_s": {name: round(value, 6) for name, value in one.refresh.items()},
+            "drive": drive.drive,
+            "address": drive.address,
+            "model": drive.model,
+            "load_percent": round(drive.load_percent, 3),
+            "stop_bound_s": round(drive.stop_bound_s, 6),
+            "min_poll_interval_s": drive.min_poll_interval_s,
+            "period_s": {name: round(value, 6) for name, value in drive.periods.items()},
+            "refresh_s": {name: round(value, 6) for name, value in drive.refresh.items()},
         }
-        for one in bus.drives
+        for drive in bus.drives
     ]
     return {
         "bus": bus.bus,

@@ -72,7 +72,8 @@ def description_json(model: str, data: bytes, description: FrameDescription) -> 
         "ambiguous": other is not None,
         "meant": None if other is None else dict(other),
         "interpretations": [
-            {"text": _sentence(one.note), "fields": dict(one.fields)} for one in description.interpretations
+            {"text": _sentence(interpretation.note), "fields": dict(interpretation.fields)}
+            for interpretation in description.interpretations
         ],
     }
 
@@ -83,8 +84,10 @@ def description_text(model: str, data: bytes, description: FrameDescription) -> 
     from drivebus.drives.state import names_fault_label
 
     verdict = output.text("decode.valid" if description.valid else "decode.invalid")
-    way = output.text(f"decode.{description.direction}")
-    lines = [output.text("decode.title", model=model, encoding=description.encoding, direction=way, verdict=verdict)]
+    direction = output.text(f"decode.{description.direction}")
+    lines = [
+        output.text("decode.title", model=model, encoding=description.encoding, direction=direction, verdict=verdict)
+    ]
     lines.append(f"  {output.to_json_value(data)}")
     if description.fields:
         fields = {name: field_text(name, value) for name, value in description.fields.items()}
@@ -94,17 +97,19 @@ def description_text(model: str, data: bytes, description: FrameDescription) -> 
         lines += ["", two_columns(rows, output.page_cells())]
     for kind in ("problems", "errata", "hazards"):
         texts = [output.text(f"decode.{kind}", text=text) for text in _sentences(getattr(description, kind))]
-        lines += [output.wrap_for(one, sys.stdout) for one in texts]
+        lines += [output.wrap_for(line, sys.stdout) for line in texts]
     if description.canonical is not None and description.canonical != data:
         lines.append(output.text("decode.canonical", hex=output.to_json_value(description.canonical)))
-    lines += [output.wrap_for(_alternative_text(one), sys.stdout) for one in description.interpretations]
+    lines += [
+        output.wrap_for(_alternative_text(interpretation), sys.stdout) for interpretation in description.interpretations
+    ]
     return "\n".join(lines)
 
 
 def _alternative_text(reading: Interpretation) -> str:
     fields = [
-        output.text("decode.equals", name=field_label(one), value=field_text(one, each))
-        for one, each in reading.fields.items()
+        output.text("decode.equals", name=field_label(name), value=field_text(name, each))
+        for name, each in reading.fields.items()
     ]
     return output.text("decode.reading", text=_sentence(reading.note), fields=output.join(fields, "phrases"))
 
@@ -125,8 +130,8 @@ def field_text(name: str, value: Any) -> str:
         return label
     if isinstance(value, dict):
         pairs = [
-            output.text("decode.pair", name=field_label(one), value=field_text(one, each))
-            for one, each in value.items()
+            output.text("decode.pair", name=field_label(member), value=field_text(member, each))
+            for member, each in value.items()
         ]
         return output.join(pairs, "phrases")
     if isinstance(value, list | tuple):

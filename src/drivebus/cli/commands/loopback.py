@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 MAX_LOOPBACKS = 10_000
 
 
-def _run(*, count: int, dry_run: bool, **given: Any) -> ExitCode:
+def _run(*, count: int, dry_run: bool, **arguments: Any) -> ExitCode:
     import asyncio
 
-    target = pop_target(given)
+    target = pop_target(arguments)
     if dry_run:
         from drivebus.cli.dry_run import DryRun
 
@@ -44,7 +44,7 @@ async def _loopback(target: Target, count: int) -> ExitCode:
 
 
 def _print_report(report: LoopbackReport, *, is_complete: bool) -> None:
-    times_ms = sorted(round(1000 * one, 1) for one in report.round_trips_s)
+    times_ms = sorted(round(1000 * round_trip_s, 1) for round_trip_s in report.round_trips_s)
     mean_ms = round(sum(times_ms) / len(times_ms), 1) if times_ms else None
     lowest_ms, highest_ms = (times_ms[0], times_ms[-1]) if times_ms else (None, None)
     error = None if report.error is None else report.error.text(output.language())

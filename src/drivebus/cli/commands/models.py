@@ -16,16 +16,20 @@ def _models(search: str) -> ExitCode:
     from drivebus.profiles.listing import list_models, matches_search
 
     all_models = list(list_models())
-    refused = [one for one in all_models if isinstance(one, ProfileError)]
-    rows = [_row(one) for one in all_models if not isinstance(one, ProfileError) and matches_search(one, search)]
+    refused = [summary for summary in all_models if isinstance(summary, ProfileError)]
+    rows = [
+        _row(summary)
+        for summary in all_models
+        if not isinstance(summary, ProfileError) and matches_search(summary, search)
+    ]
     code = ExitCode.USAGE if refused else ExitCode.DONE
-    output.print_json({"models": rows, "refused": [error_json(one)["error"] for one in refused], "exit": int(code)})
+    output.print_json({"models": rows, "refused": [error_json(error)["error"] for error in refused], "exit": int(code)})
     if rows:
         output.print_text(_table(rows))
     note = output.text("models.grades") if rows else output.text("models.none", search=search)
     output.print_text(paragraphs(note, output.page_cells(), indent=0))
-    for one in refused:
-        print_error(one)
+    for error in refused:
+        print_error(error)
     return code
 
 

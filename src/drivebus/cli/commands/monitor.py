@@ -62,10 +62,10 @@ class MonitorOptions:
         return run_view(source, None, plain=self.plain, period_s=self.period, duration_s=self.duration)
 
 
-def _monitor(*, dry_run: bool, service: str | None, **given: Any) -> ExitCode:
+def _monitor(*, dry_run: bool, service: str | None, **arguments: Any) -> ExitCode:
     if service is not None:
-        return _monitor_service(service, {**given, "address": given["addresses"], "dry_run": dry_run})
-    chosen = MonitorOptions(**given)
+        return _monitor_service(service, {**arguments, "address": arguments["addresses"], "dry_run": dry_run})
+    chosen = MonitorOptions(**arguments)
     if chosen.record and chosen.is_capture:
         raise ConfigurationError("record.of_capture", file=chosen.source)
     if dry_run:
@@ -95,7 +95,7 @@ def _play_capture(chosen: MonitorOptions) -> ExitCode:
 
     capture = read_capture(chosen.source)
     models = [profiles.load(name) for name in ((chosen.model,) if chosen.model else common_scan_models())]
-    candidates = [(one, each) for one in models for each in one.encodings if chosen.encoding in (None, each)]
+    candidates = [(model, each) for model in models for each in model.encodings if chosen.encoding in (None, each)]
     title = output.text(
         "monitor.title_file", file=chosen.source, serial=capture.header.settings, speed=f"{chosen.speed:g}"
     )

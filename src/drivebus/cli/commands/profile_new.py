@@ -105,9 +105,9 @@ def _ask_all(answers: dict[str, str]) -> None:
 
     output.print_note("profile_new.about")
     for question in open_questions(answers):
-        asked = output.text(f"profile_new.ask_{question.name}")
+        question_text = output.text(f"profile_new.ask_{question.name}")
         while question.name not in answers:
-            text = _without_full_width(question, prompt_text(asked, question.default))
+            text = _without_full_width(question, prompt_text(question_text, question.default))
             try:
                 check_answer(question, text, answers)
                 answers[question.name] = text

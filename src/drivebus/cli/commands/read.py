@@ -45,7 +45,7 @@ async def _read(target: Target, names: tuple[str, ...]) -> ExitCode:
         print_error(error)
     if unknown:
         return ExitCode.USAGE
-    return ExitCode.DONE if all(one["value"] is not None for one in rows) else ExitCode.FAILED
+    return ExitCode.DONE if all(row["value"] is not None for row in rows) else ExitCode.FAILED
 
 
 def _find_entries(
@@ -66,7 +66,7 @@ def _find_entries(
 
 
 def _refused_json(unknown: list[ProfileError]) -> list[dict[str, Any]]:
-    return [error_json(one)["error"] for one in unknown]
+    return [error_json(error)["error"] for error in unknown]
 
 
 def value_json(name: str, entry: Signal | Parameter, reading: Reading, now: float) -> dict[str, Any]:
@@ -88,7 +88,7 @@ def value_json(name: str, entry: Signal | Parameter, reading: Reading, now: floa
 def values_table(rows: list[dict[str, Any]], entries: dict[str, Signal | Parameter]) -> str:
     """Format the values as a table."""
     head = [output.text(f"read.{name}") for name in ("notation", "wire", "raw", "value", "text")]
-    return output.fitted_table(head, [_cells(one, entries[one["name"]]) for one in rows])
+    return output.fitted_table(head, [_cells(row, entries[row["name"]]) for row in rows])
 
 
 def _cells(row: dict[str, Any], entry: Signal | Parameter) -> list[str]:

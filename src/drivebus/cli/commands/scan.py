@@ -52,7 +52,7 @@ async def _run(
         return wrap(request.open_port(settings))
 
     passes = request.plan()
-    progress = scan.ScanProgress(total_s=sum(one.duration_s for one in passes))
+    progress = scan.ScanProgress(total_s=sum(each_pass.duration_s for each_pass in passes))
     sniffed = None
     with shutdown_signals() as shutdown:
         if listen_s > 0 and passes:

@@ -79,7 +79,7 @@ def _token(plant: str, name: str, right: tuple[str, ...], days: int, label: str)
     from drivebus.service.auth.names import normalized_name
     from drivebus.service.auth.tokens import new_token
 
-    rights = [Right(one) for one in right]
+    rights = [Right(word) for word in right]
     secret, token = new_token(name=label, user=normalized_name(name), rights=rights, days=days, now_ms=wall_ms())
     params = {"user": name, "rights": list(right), "days": days}
     _change(plant, "token.add", token.id, params, lambda database: database.with_token(token))
@@ -152,10 +152,10 @@ def _hash(name: str) -> str:
 def _prompt_password() -> str:
     """Ask for the password until it is entered twice alike."""
     while True:
-        password, again = (
+        password, repeated_password = (
             click.prompt(output.text(f"user_command.{key}"), hide_input=True, err=True) for key in ("password", "again")
         )
-        if password == again:
+        if password == repeated_password:
             return str(password)
         output.print_note("user_command.differ")
 

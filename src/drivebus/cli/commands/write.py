@@ -39,13 +39,13 @@ def _plan(
     from drivebus.drives.operations.parameter_write import check_write, confirmation_needed
 
     for name, value in settings:
-        wanted = check_write(dry.dialect, name, value)
-        read = [dry.dialect.read_parameter(wanted.parameter)] if wanted.parameter.readable else []
+        write = check_write(dry.dialect, name, value)
+        read = [dry.dialect.read_parameter(write.parameter)] if write.parameter.readable else []
         if save:
             dry.add("compare", read)
-        dry.add("write", [dry.dialect.write_parameter(wanted.parameter, wanted.raw, save=save).request])
+        dry.add("write", [dry.dialect.write_parameter(write.parameter, write.raw, save=save).request])
         dry.add("verify", read)
-        needed = confirmation_needed(dry.dialect, wanted)
+        needed = confirmation_needed(dry.dialect, write)
         if needed is not None and not force:
             raise needed
     return dry.print("dry.note.sync")

@@ -124,7 +124,7 @@ RAW_COUNTS_PER_UNIT = {"output_current": 10.0}
 """Raw counts per unit of the simulated DF800, whose manual defines no scale; such samples are uncertain."""
 ACKNOWLEDGED_AFTER_MS = 90_000
 """Time after which the operator of the generated shift acknowledges a trip."""
-FAULT_ALARM = next(one for one in DEFAULT_ALARMS if one.id == "fault")
+FAULT_ALARM = next(alarm for alarm in DEFAULT_ALARMS if alarm.id == "fault")
 
 
 def past_alarms(drive: DriveConfig, profile: DriveProfile, events: Sequence[DemoEvent], by: str) -> Iterator[Alarm]:

@@ -209,10 +209,10 @@ class RemoteDrive:
         renewal, self._renewal = self._renewal, None
         if renewal is None:
             return
-        lost = renewal.done()
+        has_failed = renewal.done()
         renewal.cancel()
         await asyncio.gather(renewal, return_exceptions=True)
-        if not self._had_control_before and not lost:
+        if not self._had_control_before and not has_failed:
             try:
                 await self.call(LEASE_RELEASE)
             except DrivebusError:

@@ -24,8 +24,8 @@ async def command_group(service: str, operation: Operation, group: str, **params
     from drivebus.service.api.operations.groups import GROUPS_LIST
 
     async with open_client(service) as client:
-        groups = {one["id"]: one["drives"] for one in (await client.call(GROUPS_LIST.name, {}))["groups"]}
-        views = {one["id"]: one for one in (await client.call(DRIVES_LIST.name, {}))["drives"]}
+        groups = {each["id"]: each["drives"] for each in (await client.call(GROUPS_LIST.name, {}))["groups"]}
+        views = {view["id"]: view for view in (await client.call(DRIVES_LIST.name, {}))["drives"]}
         drives = [
             RemoteDrive(client, id, views[id]["address"], profiles.load(views[id]["model"]))
             for id in groups.get(group, ())  # the operation rejects an unknown group

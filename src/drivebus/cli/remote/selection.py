@@ -34,8 +34,8 @@ def print_results(outcomes: Mapping[str, Json], *, json_key: str, done: str, not
 
     ``json_key``: key of a drive's id in the JSON output.
     """
-    done_drives = [drive for drive, one in outcomes.items() if one.get("status") == "done"]
-    refused = {drive: one for drive, one in outcomes.items() if "code" in one}
+    done_drives = [drive for drive, outcome in outcomes.items() if outcome.get("status") == "done"]
+    refused = {drive: outcome for drive, outcome in outcomes.items() if "code" in outcome}
     with output.continue_without_output():  # it is done
         for drive in done_drives:
             output.print_json({json_key: drive}, stream=True)

@@ -162,12 +162,12 @@ class BusRow:
         Where ``cells`` do not hold them all: the largest ones and the number of all other errors.
         """
         counts = [(f"{error_kind_text(kind)} {count}", count) for kind, count in self.errors.items() if count]
-        text = output.join([one for one, _ in counts], "phrases") or output.text("live.no_errors")
+        text = output.join([phrase for phrase, _ in counts], "phrases") or output.text("live.no_errors")
         if cells is None or output.width(text) <= cells:
             return text
-        counts.sort(key=lambda one: -one[1])
+        counts.sort(key=lambda count: -count[1])
         for shown in range(len(counts) - 1, 0, -1):
-            largest = output.join([one for one, _ in counts[:shown]], "phrases")
+            largest = output.join([phrase for phrase, _ in counts[:shown]], "phrases")
             text = output.text("live.errors_more", shown=largest, n=sum(n for _, n in counts[shown:]))
             if output.width(text) <= cells:
                 return text

@@ -189,10 +189,10 @@ def _neighbours(answers: Answers) -> set[int]:
 def _open_questions(answers: Answers, language: str) -> Iterator[str]:
     for question in QUESTIONS:
         if answers.get(question.name) == UNKNOWN and question.kind != "text" and question.name not in NOT_OPEN:
-            asked = i18n.text(f"profile_new.ask_{question.name}", language)
+            question_text = i18n.text(f"profile_new.ask_{question.name}", language)
             yield f"[open_questions.{question.name}]"
             yield f'assumed = "{ASSUMED.get(question.name, "-")}"'
             yield 'where = "-"'
-            yield f"text = {toml_string(i18n.text('profile_new.open_text', language, question=asked))}"
+            yield f"text = {toml_string(i18n.text('profile_new.open_text', language, question=question_text))}"
             yield f"reason = {toml_string(i18n.text('profile_new.open_reason', language))}"
             yield from (f"procedure = {toml_string(i18n.text('profile_new.open_procedure', language))}", "")

@@ -155,7 +155,7 @@ def _lacks_neighbours(answers: Answers) -> bool:
     """Return whether nothing recognizes a late reply: no loop-back, rejected read, nor read of two known registers."""
     known = readable_registers(answers)
     has_probe = answers.get("loopback") == "yes" or is_known(answers, "rejected_read")
-    return not has_probe and most_registers(answers) > 1 and not any(one + 1 in known for one in known)
+    return not has_probe and most_registers(answers) > 1 and not any(register + 1 in known for register in known)
 
 
 def _status_is(kind: str) -> Callable[[Answers], bool]:
@@ -260,5 +260,5 @@ def check_answer(question: Question, text: str, answers: Answers) -> None:
 
 def fact(answers: Answers, name: str) -> Any:
     """Return the parsed answer to a question, None where the manual does not give it."""
-    question = next(one for one in QUESTIONS if one.name == name)
+    question = next(each for each in QUESTIONS if each.name == name)
     return parse_answer(question, answers[name], answers) if is_known(answers, name) else None

@@ -50,17 +50,17 @@ class CommandBits:
         holds = names & HOLD_BITS
         if not self.is_mapped(word) or not names <= STOP_BITS | DIRECTION_BITS | HOLD_BITS | {"reset"}:
             return Effect.MOTION
-        held = word & self._direction_mask() == (self.levels or 0)
+        keeps_direction = word & self._direction_mask() == (self.levels or 0)
         if names & STOP_BITS:
             only_stops = not holds and "reset" not in names and (self._rewrites_levels or not names & DIRECTION_BITS)
             return Effect.STOP if only_stops else Effect.MOTION
         if "reset" in names:
-            return Effect.SETTING if held and holds == (self._holds or frozenset()) else Effect.MOTION
+            return Effect.SETTING if keeps_direction and holds == (self._holds or frozenset()) else Effect.MOTION
         if holds == {Hold.PAUSE}:
-            return Effect.SETTING if held else Effect.MOTION
-        if holds and held and holds == self._holds and self._last_was_edge:  # completes a reset
+            return Effect.SETTING if keeps_direction else Effect.MOTION
+        if holds and keeps_direction and holds == self._holds and self._last_was_edge:  # completes a reset
             return Effect.SETTING
-        if holds or self._holds != frozenset() or not held:
+        if holds or self._holds != frozenset() or not keeps_direction:
             return Effect.MOTION
         return Effect.SETTING if self._last_was_edge else Effect.STOP
 

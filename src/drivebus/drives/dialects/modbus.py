@@ -94,10 +94,13 @@ class ModbusDialect(Dialect):
         super().__init__(profile, address, options)
         self._nonce_start = nonce_start
         self._features = profile.modbus_features
-        form, most = self._features.error_form, self._features.max_read
-        ascii_codec = ModbusAsciiCodec(form, most, tolerate_leading_noise=timing.tolerate_leading_noise)
+        error_form, max_read = self._features.error_form, self._features.max_read
+        ascii_codec = ModbusAsciiCodec(error_form, max_read, tolerate_leading_noise=timing.tolerate_leading_noise)
         rtu_codec = ModbusRtuCodec(
-            form, most, count_bytes=self._features.reply_count_bytes, rejected_read=self._features.rejected_read or 0
+            error_form,
+            max_read,
+            count_bytes=self._features.reply_count_bytes,
+            rejected_read=self._features.rejected_read or 0,
         )
         self.codec: Codec = ascii_codec if encoding == "ascii" else rtu_codec
         self.status_map: StatusMap | None = profile.status
@@ -230,7 +233,7 @@ class ModbusDialect(Dialect):
         names = ("set_frequency", "output_frequency", self.status_map.standstill_signal)
         requests = [request for request, _ in self.polls(tuple(name for name in names if name is not None))]
         status = self._status_span  # first: a frequency from before the word does not show that the drive stands
-        return tuple(sorted(requests, key=lambda one: status is None or not request_span(one).covers(status)))
+        return tuple(sorted(requests, key=lambda request: status is None or not request_span(request).covers(status)))
 
     def echo_test_read(self) -> Any:
         if self._status_span is not None:

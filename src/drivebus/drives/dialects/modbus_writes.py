@@ -114,11 +114,11 @@ class ModbusWrites:
         recognized: list[RecognizedWrite] = []
         place = 0
         while place < len(changes):
-            one = self._recognize_first(changes[place:])
-            if one is None:
+            write = self._recognize_first(changes[place:])
+            if write is None:
                 return None
-            recognized.append(one)
-            place += one.width
+            recognized.append(write)
+            place += write.width
         return recognized
 
     def _recognize_first(self, changes: Sequence[RegisterWrite]) -> RecognizedWrite | None:

@@ -98,16 +98,16 @@ def hold_ramp(op: OperationContext, seconds: float) -> DriveOperation[Outcome]:
         return refused
     if result.error is not None:
         return (yield from _end_ramp_hold(op, output_hz, answered=False))
-    held = HeldFrequency((yield from get_bus_conditions()).now)
-    if (ended := (yield from _wait_for_hold_end(op, command, seconds, held))) is not None:
+    held_frequency = HeldFrequency((yield from get_bus_conditions()).now)
+    if (ended := (yield from _wait_for_hold_end(op, command, seconds, held_frequency))) is not None:
         return ended
     outcome = yield from _end_ramp_hold(op, output_hz, answered=True)
     if not outcome.succeeded:
         return outcome
-    if held.has_changed(op):
-        params = {"from_hz": held.first_hz, "to_hz": held.last_hz}
+    if held_frequency.has_changed(op):
+        params = {"from_hz": held_frequency.first_hz, "to_hz": held_frequency.last_hz}
         return replace(outcome, status=OutcomeStatus.FAILED, key="drives.ramp_not_held", params=params)
-    held_s = (yield from get_bus_conditions()).now - held.began_at
+    held_s = (yield from get_bus_conditions()).now - held_frequency.began_at
     if held_s <= seconds + MAX_END_DELAY_S:
         return outcome
     return with_note(outcome, "drives.ramp_held_for", held_s=round(held_s, 1))
@@ -135,17 +135,17 @@ class HeldFrequency:
 
 
 def _wait_for_hold_end(
-    op: OperationContext, command: DriveCommand, seconds: float, held: HeldFrequency
+    op: OperationContext, command: DriveCommand, seconds: float, held_frequency: HeldFrequency
 ) -> DriveOperation[Outcome | None]:
     """Read the state until the time is over; return the outcome of a motor that was switched off meanwhile."""
-    ends_at = held.began_at + seconds
+    ends_at = held_frequency.began_at + seconds
     while True:
         yield from op.read_verified_state()
         now = yield from op.check_not_superseded(command)
         if op.derived.state.output_off:
             op.may_be_running = False
             return op.outcome(OutcomeStatus.FAILED, "drives.ramp_hold_ended", state=op.derived.state)
-        held.add(op.output_hz())
+        held_frequency.add(op.output_hz())
         if now >= ends_at:
             return None
         yield from wait(min(RAMP_HOLD_POLL_INTERVAL_S, ends_at - now))

@@ -26,7 +26,7 @@ def prepare_start(op: OperationContext) -> DriveOperation[None]:
     """
     commands = op.dialect.profile.commands
     yield from _send_unlock(op, CommandKind.START)
-    for fixed in [one.word for one in commands.preparation if one.when is None] if commands is not None else []:
+    for fixed in [step.word for step in commands.preparation if step.when is None] if commands is not None else []:
         yield from _send_confirmed(op, CommandKind.START, op.dialect.preparation_frame(fixed), _hex(fixed))
     op.has_sent_preparation = True
     open_steps = list(commands.status_steps) if commands is not None else []

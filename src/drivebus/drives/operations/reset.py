@@ -75,8 +75,8 @@ def _wait_until_cleared(
             and sent_again < MAX_RESENDS
             and now < command.created_at + COMMAND_TTL_S[CommandKind.RESET]
         ):
-            again = yield from resend_frames(op, command, frames)
-            answered, sent_again = bool(again), MAX_RESENDS if again is None else sent_again + 1
+            answered_again = yield from resend_frames(op, command, frames)
+            answered, sent_again = bool(answered_again), MAX_RESENDS if answered_again is None else sent_again + 1
         elif now > command.created_at + RESET_CONFIRM_TIMEOUT_S:
             if still:
                 state = DriveState.FAULT if op.derived.by_frequency else op.derived.state

@@ -314,8 +314,8 @@ def confirm_start(
         start_shown = op.motion_seen or op.dialect.confirms_start(op.reading_pairs)
         may_resend = state is DriveState.STOPPED and not answered and not start_shown and not lost_setpoint_outcome(op)
         if may_resend and sent_again < MAX_RESENDS and now < command.created_at + COMMAND_TTL_S[CommandKind.START]:
-            again = yield from resend_frames(op, command, frames)
-            answered, sent_again = bool(again), MAX_RESENDS if again is None else sent_again + 1
+            answered_again = yield from resend_frames(op, command, frames)
+            answered, sent_again = bool(answered_again), MAX_RESENDS if answered_again is None else sent_again + 1
         elif op.motion_seen and state.output_off:
             has_tripped = state in (DriveState.FAULT, DriveState.NOT_READY)
             key = "drives.started_and_tripped" if has_tripped else "drives.started_and_stopped"

@@ -85,8 +85,8 @@ class ModbusRtuCodec:
 
     def encode_request(self, request: ModbusRequest, /) -> bytes:
         """Return the frame of a request. Raises ValueError for a field out of range."""
-        most = self.rejected_read if self._is_rejected_read(request) else self.max_read
-        return build_frame(pdu.encode_request(request, most))
+        max_count = self.rejected_read if self._is_rejected_read(request) else self.max_read
+        return build_frame(pdu.encode_request(request, max_count))
 
     def encode_reply(self, reply: ModbusReply, /) -> bytes:
         """Return the frame of a reply. Raises ValueError for a field out of range."""

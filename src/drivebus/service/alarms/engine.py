@@ -87,12 +87,16 @@ class AlarmEngine:
         """
         cleared = [change for key in self._shelf.of_drives(replaced_drives) for change in self._unshelve(key)]
         cleared += self._clear_where(lambda alarm: alarm.drive in replaced_drives, now_ms)
-        for alarm in [one for one in self._alarms.values() if one.drive in replaced_drives]:
+        for alarm in [other for other in self._alarms.values() if other.drive in replaced_drives]:
             self._update("replaced", alarm, drive_replaced=True)  # in the log, so that it outlives a restart
         for drive in replaced_drives:
             self._conditions.pop(drive, None)
-        old = {(one.setting, one.drive): one for conditions in self._conditions.values() for one in conditions}
-        self._titles = {one.id: title_of(one) for one in drives}
+        old = {
+            (condition.setting, condition.drive): condition
+            for conditions in self._conditions.values()
+            for condition in conditions
+        }
+        self._titles = {each.id: title_of(each) for each in drives}
         self._conditions = {
             id: [
                 old.get((setting, id)) or self._resume(AlarmCondition(setting, id))
@@ -100,7 +104,7 @@ class AlarmEngine:
             ]
             for id in self._titles
         }
-        configured = {one.key for conditions in self._conditions.values() for one in conditions}
+        configured = {condition.key for conditions in self._conditions.values() for condition in conditions}
         return cleared + self._clear_where(
             lambda alarm: alarm.kind not in SYSTEM_ALARM_KINDS and alarm.key not in configured, now_ms
         )
@@ -196,7 +200,7 @@ class AlarmEngine:
 
     def _raise(self, alarm: Alarm) -> list[AlarmChange]:
         self._next_number += 1
-        repeated = [one for one in self._with_key(alarm.key) if one.is_repeated_by(alarm)]
+        repeated = [earlier for earlier in self._with_key(alarm.key) if earlier.is_repeated_by(alarm)]
         if repeated:
             alarm = self._repeat(repeated[-1], alarm)
         self._occurrences.add(alarm)
@@ -212,9 +216,9 @@ class AlarmEngine:
 
     def _acknowledge_excess(self, alarm: Alarm) -> list[AlarmChange]:
         """Acknowledge the oldest cleared alarms of this key beyond ``MAX_UNACKNOWLEDGED_PER_KEY``."""
-        waiting = [one for one in self._with_key(alarm.key) if one.cleared_ms is not None]
+        waiting = [other for other in self._with_key(alarm.key) if other.cleared_ms is not None]
         excess = waiting[: max(0, len(waiting) - MAX_UNACKNOWLEDGED_PER_KEY + 1)]
-        return [self._acknowledge(one, SERVICE_NAME, alarm.raised_ms) for one in excess]
+        return [self._acknowledge(other, SERVICE_NAME, alarm.raised_ms) for other in excess]
 
     def _clear(self, key: AlarmKey, now_ms: int) -> list[AlarmChange]:
         id = self._uncleared.pop(key, None)
@@ -232,7 +236,7 @@ class AlarmEngine:
         alarm = self._get(id)
         shelving = Shelving(now_ms + minutes * 60_000, by, reason)
         self._shelf.shelve(alarm.key, minutes, shelving, now)
-        return [self._update("shelved", one, **shelving.alarm_fields) for one in self._with_key(alarm.key)]
+        return [self._update("shelved", each, **shelving.alarm_fields) for each in self._with_key(alarm.key)]
 
     def unshelve(self, id: str) -> list[AlarmChange]:
         """Unshelve every alarm of the same key. Raises NotFound."""
@@ -245,8 +249,8 @@ class AlarmEngine:
 
     def _unshelve(self, key: AlarmKey) -> list[AlarmChange]:
         self._shelf.remove(key)
-        shelved = [one for one in self._with_key(key) if one.shelved_until_ms is not None]
-        return [self._update("unshelved", one, **NOT_SHELVED.alarm_fields) for one in shelved]
+        shelved = [alarm for alarm in self._with_key(key) if alarm.shelved_until_ms is not None]
+        return [self._update("unshelved", alarm, **NOT_SHELVED.alarm_fields) for alarm in shelved]
 
     def _acknowledge(self, alarm: Alarm, by: str, now_ms: int) -> AlarmChange:
         return self._update("acknowledged", alarm, acknowledged_ms=now_ms, acknowledged_by=by)
@@ -262,7 +266,7 @@ class AlarmEngine:
         return alarm
 
     def _with_key(self, key: AlarmKey) -> list[Alarm]:
-        return [one for one in self._alarms.values() if one.key == key]
+        return [alarm for alarm in self._alarms.values() if alarm.key == key]
 
     def _update(self, word: str, alarm: Alarm, **changed: Any) -> AlarmChange:
         """Change an alarm and log it; drop it from the active list once it is cleared and acknowledged."""
@@ -279,13 +283,15 @@ class AlarmEngine:
     def active(self) -> list[Alarm]:
         """Return the alarms that are uncleared or unacknowledged, by priority, newest first."""
         order = [*AlarmPriority]
-        return sorted(self._alarms.values(), key=lambda one: (order.index(one.priority), -one.raised_ms, one.id))
+        return sorted(
+            self._alarms.values(), key=lambda alarm: (order.index(alarm.priority), -alarm.raised_ms, alarm.id)
+        )
 
     def counts(self, drive: str) -> dict[str, int]:
         """Return the number of a drive's uncleared, unshelved alarms by priority."""
-        of_drive = (one for one in self._alarms.values() if one.drive == drive and one.shelved_until_ms is None)
-        active = [one for one in of_drive if one.cleared_ms is None]
-        return {str(p): n for p in AlarmPriority if (n := sum(one.priority is p for one in active))}
+        of_drive = (alarm for alarm in self._alarms.values() if alarm.drive == drive and alarm.shelved_until_ms is None)
+        active = [alarm for alarm in of_drive if alarm.cleared_ms is None]
+        return {str(p): n for p in AlarmPriority if (n := sum(alarm.priority is p for alarm in active))}
 
     def as_json(self) -> Json:
         """Return the live topic ``alarms``."""

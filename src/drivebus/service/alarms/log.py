@@ -100,7 +100,7 @@ class AlarmLog:
         """Return a page of the alarms raised in ``from_ms <= time < to_ms``, newest first. Raises InvalidParameters
         for an unknown cursor.
         """
-        newest_first = sorted(self._alarms.values(), key=lambda one: -alarm_number(one.id))
+        newest_first = sorted(self._alarms.values(), key=lambda alarm: -alarm_number(alarm.id))
         wanted = (a for a in newest_first if from_ms <= a.raised_ms < to_ms and drive in (None, a.drive))
         shown = map(self._with_acknowledgement, wanted)
         return page(((alarm_number(alarm.id), alarm.as_json) for alarm in shown), cursor, limit)
@@ -112,7 +112,7 @@ class AlarmLog:
             self._acknowledged[alarm.first_id] = alarm
         if len(self._alarms) > MAX_LOGGED_ALARMS:
             alarms = self._alarms.values()
-            self._drop(next((one for one in alarms if not self._is_listed(one)), next(iter(alarms))))
+            self._drop(next((other for other in alarms if not self._is_listed(other)), next(iter(alarms))))
 
     def _is_listed(self, alarm: Alarm) -> bool:
         """Return whether an alarm is active and no repetition stands for it: the next start needs it."""

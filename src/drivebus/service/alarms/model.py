@@ -176,13 +176,13 @@ class Alarm:
         """Raise TypeError for a field of another type: the service would fail with it at its start."""
         words = (self.id, self.first_id, self.setting, self.drive, self.kind, self.subject)
         optional_words = (self.acknowledged_by, self.shelved_by, self.shelved_reason, self.incident)
-        texts = [text for one in (self.title, self.text, self.remedy) for text in (one.en, one.zh)]
+        texts = [text for sentence in (self.title, self.text, self.remedy) for text in (sentence.en, sentence.zh)]
         times = (self.cleared_ms, self.acknowledged_ms, self.shelved_until_ms)
         are_typed = (
-            all(type(one) is str for one in (*words, *texts))
-            and all(one is None or type(one) is str for one in optional_words)
-            and all(type(one) is int for one in (self.raised_ms, self.first_raised_ms, self.count))
-            and all(one is None or type(one) is int for one in times)
+            all(type(value) is str for value in (*words, *texts))
+            and all(value is None or type(value) is str for value in optional_words)
+            and all(type(value) is int for value in (self.raised_ms, self.first_raised_ms, self.count))
+            and all(value is None or type(value) is int for value in times)
             and (self.value is None or type(self.value) in (int, float, str))
             and type(self.drive_replaced) is bool
         )

@@ -103,7 +103,7 @@ _ENUMS_BY_PARAM: Mapping[str, type[Enum]] = {
 def _param_from_json(name: str, value: Any) -> Any:
     """Return the parameter of a sentence: a right, a state and a text by language are objects there."""
     if name in _ENUMS_BY_PARAM:
-        return next((one for one in _ENUMS_BY_PARAM[name] if one.value == value), value)
+        return next((member for member in _ENUMS_BY_PARAM[name] if member.value == value), value)
     return Text.from_mapping(value) if isinstance(value, dict) and value.keys() >= {"en", "zh"} else value
 
 

@@ -31,8 +31,8 @@ def bound_handlers(objects: Iterable[object]) -> dict[str, Callable[..., Awaitab
     """
     names = {handler: name for name, handler in HANDLERS.items()}
     return {
-        names[function]: function if ismodule(one) else function.__get__(one)
-        for one in objects
-        for function in vars(one if ismodule(one) else type(one)).values()
+        names[function]: function if ismodule(owner) else function.__get__(owner)
+        for owner in objects
+        for function in vars(owner if ismodule(owner) else type(owner)).values()
         if isfunction(function) and function in names
     }

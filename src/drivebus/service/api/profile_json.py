@@ -36,7 +36,7 @@ def profile_json(profile: DriveProfile) -> Json:
         "parameters": [_parameter(parameter) for parameter in profile.parameters.values()],
         "faults": [fault_json(fault) for fault in profile.faults.values()],
         "caveats": [_caveat(caveat) for caveat in profile.caveats],
-        "keypad": [text_json(one) for one in profile.keypad],
+        "keypad": [text_json(step) for step in profile.keypad],
         "wiring": text_json(profile.wiring),
         "open_questions": [_question(question) for question in profile.open_questions],
         "can_save": writing.eeprom and "save" in profile.capabilities,
@@ -106,7 +106,7 @@ def reading_json(reading: Reading) -> Json:
 
 def readings_json(profile: DriveProfile, readings: Mapping[str, Reading]) -> Json:
     """Return readings by the names under which they were read, each with its wire address and its text."""
-    return {name: reading_json(one) | _entry_json(profile, name) for name, one in readings.items()}
+    return {name: reading_json(reading) | _entry_json(profile, name) for name, reading in readings.items()}
 
 
 def _entry_json(profile: DriveProfile, name: str) -> Json:

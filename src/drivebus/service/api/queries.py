@@ -137,7 +137,7 @@ class Queries:
         ]
         last = bus.frame_count
         return {
-            "frames": [frame_json(bus, one) async for one in iter_cooperatively(frames[-params.limit :])],
+            "frames": [frame_json(bus, frame) async for frame in iter_cooperatively(frames[-params.limit :])],
             "last": last,
         }
 

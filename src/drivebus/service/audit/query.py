@@ -19,10 +19,10 @@ def query_records(
     Lines with a wrong hash are left out; ``verify`` reports them. Raises InvalidParameters, OSError.
     """
 
-    def wanted(body: Json) -> bool:
+    def is_wanted(body: Json) -> bool:
         return from_ms <= body["time_ms"] < to_ms and (drive is None or drive in subjects_of(body))
 
-    return page(_matching(paths, page_start(cursor), wanted), cursor, limit)
+    return page(_matching(paths, page_start(cursor), is_wanted), cursor, limit)
 
 
 def subjects_of(body: Json) -> tuple[Any, ...]:

@@ -103,11 +103,11 @@ def redact(value: Any, depth: int = 0) -> Any:
         value = bytes(value).hex(" ").upper()
     if depth < MAX_NESTING_DEPTH and isinstance(value, Mapping):
         return {
-            _redact_text(str(name))[:100]: _redact_member(str(name), one, depth)
-            for name, one in [*value.items()][:MAX_CONTAINER_ITEMS]
+            _redact_text(str(name))[:100]: _redact_member(str(name), member, depth)
+            for name, member in [*value.items()][:MAX_CONTAINER_ITEMS]
         }
     if depth < MAX_NESTING_DEPTH and isinstance(value, list | tuple | set | frozenset):
-        return [redact(one, depth + 1) for one in list(value)[:MAX_CONTAINER_ITEMS]]
+        return [redact(item, depth + 1) for item in list(value)[:MAX_CONTAINER_ITEMS]]
     return _limit_length(_redact_text(str(value)))
 
 
@@ -186,7 +186,7 @@ def decode_record(line: bytes) -> AuditRecord | None:
         return None
     body, hash = members
     n, prev, checkpoints = body.pop("n", None), body.pop("prev", None), body.pop("checkpoints", None)
-    if not all(type(one) is int for one in (n, checkpoints, body.get("time_ms"))) or not isinstance(prev, str):
+    if not all(type(number) is int for number in (n, checkpoints, body.get("time_ms"))) or not isinstance(prev, str):
         return None
     return AuditRecord(n, prev, hash, checkpoints, body)
 

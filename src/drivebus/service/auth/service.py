@@ -287,7 +287,9 @@ class AuthService:
 
     def _find_code(self, code: str) -> OneTimeCode | None:
         digest, now_ms = secret_digest(code), self.wall_ms()
-        return next((one for one in self.database.codes if one.digest == digest and one.expires_ms > now_ms), None)
+        return next(
+            (stored for stored in self.database.codes if stored.digest == digest and stored.expires_ms > now_ms), None
+        )
 
 
 def _consume_code(database: UserDatabase, code: OneTimeCode) -> UserDatabase:

@@ -44,7 +44,7 @@ class SessionRecord:
 
     def fields(self) -> dict[str, Any]:
         """Return the common fields."""
-        return {one.name: getattr(self, one.name) for one in fields(SessionRecord)}
+        return {each.name: getattr(self, each.name) for each in fields(SessionRecord)}
 
 
 @dataclass(slots=True, kw_only=True)
@@ -99,7 +99,7 @@ class SessionStore:
         try:
             atomic_write_private(self.path, _SESSION_FILE_ADAPTER.dump_json(_SessionFile(_boot_id(), sessions)))
         except OSError:
-            if {one.digest for one in self.read()} - {session.digest for session in sessions}:
+            if {stored.digest for stored in self.read()} - {session.digest for session in sessions}:
                 with contextlib.suppress(OSError):
                     os.truncate(self.path, 0)
 
@@ -189,9 +189,9 @@ class SessionTable:
         request with the old secret, which may be a stop, can still be under way: see ``find_replaced``.
         """
         ends = now + REPLACED_SECRET_LIFETIME_S
-        self._replaced = {key: one for key, one in self._replaced.items() if now < one[1]}
-        self._replaced |= {key: (one, ends) for key, one in self._by_digest.items() if one is session}
-        self._by_digest = {key: one for key, one in self._by_digest.items() if one is not session}
+        self._replaced = {key: replacement for key, replacement in self._replaced.items() if now < replacement[1]}
+        self._replaced |= {key: (other, ends) for key, other in self._by_digest.items() if other is session}
+        self._by_digest = {key: other for key, other in self._by_digest.items() if other is not session}
         secret = secrets.token_urlsafe(32)
         session.active = now
         self._by_digest[secret_digest(secret)] = session
@@ -220,9 +220,9 @@ class SessionTable:
     def stored(self) -> tuple[StoredSession, ...]:
         """Return the open sessions for ``SessionStore``."""
         return tuple(
-            StoredSession(**one.fields(), digest=digest)
-            for digest, one in self._by_digest.items()
-            if one.end_reason is None
+            StoredSession(**session.fields(), digest=digest)
+            for digest, session in self._by_digest.items()
+            if session.end_reason is None
         )
 
     def restore(self, stored: Iterable[StoredSession]) -> None:

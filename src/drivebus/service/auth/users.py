@@ -115,7 +115,7 @@ class UserDatabase:
     def with_user(self, user: User) -> UserDatabase:
         """Add a user. Raises InvalidInput for an invalid name, Conflict for one that exists."""
         check_user_name(user.name)
-        same = next((one for one in self.users if appearance(one.name) == appearance(user.name)), None)
+        same = next((other for other in self.users if appearance(other.name) == appearance(user.name)), None)
         if same is not None:
             raise Conflict("auth.name_taken", name=same.name)
         return replace(self, users=(*self.users, user))
@@ -124,7 +124,7 @@ class UserDatabase:
         """Replace the user of the same name. Raises ResourceNotFound; Conflict if no administrator would be left."""
         self.user(user.name)
         return self._with_administrator(
-            replace(self, users=tuple(user if one.name == user.name else one for one in self.users))
+            replace(self, users=tuple(user if other.name == user.name else other for other in self.users))
         )
 
     def without_user(self, name: str) -> UserDatabase:
@@ -151,16 +151,18 @@ class UserDatabase:
             raise InvalidInput("auth.beyond_role", rights=tuple(sorted(beyond)))
         if Right.OPERATE in token.rights and Right.STOP not in token.rights:
             raise InvalidInput("auth.operate_without_stop")
-        kept = self.tokens
+        remaining = self.tokens
         if self._token_count(token.user) >= MAX_TOKENS_PER_USER:
-            kept = tuple(one for one in kept if one.user != token.user or one.expires_ms > token.created_ms)
-        after = replace(self, tokens=(*kept, token))
+            remaining = tuple(
+                other for other in remaining if other.user != token.user or other.expires_ms > token.created_ms
+            )
+        after = replace(self, tokens=(*remaining, token))
         if after._token_count(token.user) > MAX_TOKENS_PER_USER:
             raise Conflict("auth.too_many_tokens", name=token.user, most=MAX_TOKENS_PER_USER)
         return after
 
     def _token_count(self, user: str) -> int:
-        return sum(one.user == user for one in self.tokens)
+        return sum(token.user == user for token in self.tokens)
 
     def without_token(self, id: str) -> UserDatabase:
         """Remove a token. Raises ResourceNotFound."""

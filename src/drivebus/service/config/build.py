@@ -118,7 +118,7 @@ def plant_config(parsed: ParsedPlant, source: str, warnings: Iterable[Diagnostic
         drives=_drives(parsed, buses),
         groups=tuple(_groups(file)),
         interlocks=tuple(_interlocks(file)),
-        alarms=tuple(_alarm(parsed, id, one) for id, one in file.alarm.items()),
+        alarms=tuple(_alarm(parsed, id, table) for id, table in file.alarm.items()),
         history=_history(file.history),
         audit=_audit(parsed),
         gateways=tuple(_gateways(parsed)),
@@ -138,8 +138,8 @@ def state_directory(id: str) -> Path:
 
 
 def bus_config(file: PlantFile, id: str) -> BusConfig:
-    one = file.bus[id]
-    return BusConfig(id, one.port, one.baud, one.format, _text(one.title, id))
+    table = file.bus[id]
+    return BusConfig(id, table.port, table.baud, table.format, _text(table.title, id))
 
 
 def drive_config(parsed: ParsedPlant, id: str, table: DriveTable) -> DriveConfig:
@@ -162,14 +162,14 @@ def drive_config(parsed: ParsedPlant, id: str, table: DriveTable) -> DriveConfig
 
 def drives_without_interval(parsed: ParsedPlant) -> frozenset[str]:
     """Return the drives without a configured poll interval: they share what their bus has left."""
-    return frozenset(id for id, one in parsed.file.drive.items() if one.min_poll_interval_s is None)
+    return frozenset(id for id, table in parsed.file.drive.items() if table.min_poll_interval_s is None)
 
 
 def drives_on_bus(parsed: ParsedPlant, bus: BusConfig) -> list[DriveConfig]:
     """Return the drives of a bus with a dialect, with poll intervals that the bus can carry."""
     drives = [
-        (drive_config(parsed, id, one), parsed.dialects[id])
-        for id, one in parsed.drive_tables_of(bus.id)
+        (drive_config(parsed, id, table), parsed.dialects[id])
+        for id, table in parsed.drive_tables_of(bus.id)
         if id in parsed.dialects
     ]
     return (
@@ -188,14 +188,14 @@ def _groups(file: PlantFile) -> list[GroupConfig]:
     return [
         GroupConfig(
             id=id,
-            drives=tuple(one.drives),
-            title=_text(one.title, id),
-            start_interval_s=one.start_interval_s,
-            max_concurrent_starts=one.max_concurrent_starts,
-            leader=one.leader,
-            ratios=dict(one.ratios),
+            drives=tuple(table.drives),
+            title=_text(table.title, id),
+            start_interval_s=table.start_interval_s,
+            max_concurrent_starts=table.max_concurrent_starts,
+            leader=table.leader,
+            ratios=dict(table.ratios),
         )
-        for id, one in file.group.items()
+        for id, table in file.group.items()
     ]
 
 
@@ -203,13 +203,13 @@ def _interlocks(file: PlantFile) -> list[InterlockConfig]:
     return [
         InterlockConfig(
             id=id,
-            drives=tuple(one.drives),
-            require=one.require,
-            action=InterlockAction(one.action),
-            delay_s=one.delay_s,
-            title=_text(one.title, id),
+            drives=tuple(table.drives),
+            require=table.require,
+            action=InterlockAction(table.action),
+            delay_s=table.delay_s,
+            title=_text(table.title, id),
         )
-        for id, one in file.interlock.items()
+        for id, table in file.interlock.items()
     ]
 
 
@@ -231,7 +231,7 @@ def alarm_drives(parsed: ParsedPlant, alarm: AlarmTable) -> list[str]:
     """Return the drives of an alarm: those named, else every drive that polls its signal."""
     if alarm.drives or alarm.signal is None:
         return alarm.drives
-    return [id for id, one in parsed.file.drive.items() if alarm.signal in polled_signals(parsed, id, one)]
+    return [id for id, table in parsed.file.drive.items() if alarm.signal in polled_signals(parsed, id, table)]
 
 
 def polled_signals(parsed: ParsedPlant, id: str, table: DriveTable) -> list[str]:

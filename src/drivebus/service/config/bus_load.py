@@ -72,7 +72,7 @@ def serial_settings_of(bus: BusConfig, profile: DriveProfile | None) -> SerialSe
 
 def serial_settings_in(plant: PlantConfig, bus: str) -> SerialSettings:
     """Return the serial settings of a bus. Raises KeyError."""
-    config = next((one for one in plant.buses if one.id == bus), None)
+    config = next((each for each in plant.buses if each.id == bus), None)
     if config is None:
         raise KeyError(bus)
     first = next((drive for drive in plant.drives if drive.bus == bus), None)

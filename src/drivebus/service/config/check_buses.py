@@ -41,7 +41,7 @@ _UNOPENED_SCHEMES = ("memory", "replay")
 
 
 def bus_issues(parsed: ParsedPlant) -> Iterator[Issue]:
-    taken: dict[tuple[str, ...], str] = {}
+    bus_by_device: dict[tuple[str, ...], str] = {}
     for id, bus in parsed.file.bus.items():
         path = ("bus", id, "port")
         wrong = bus.format is not None and not is_format(bus.format)
@@ -53,9 +53,9 @@ def bus_issues(parsed: ParsedPlant) -> Iterator[Issue]:
             yield issue("port_url", path, bus.port, why=error_text(error))
             continue
         device = device_of(url)
-        if device in taken:
-            yield issue("one_device", path, bus.port, other=taken[device], device=device[-1])
-        taken.setdefault(device, id)
+        if device in bus_by_device:
+            yield issue("one_device", path, bus.port, other=bus_by_device[device], device=device[-1])
+        bus_by_device.setdefault(device, id)
         if not wrong:
             parsed.port_urls[id] = url
 
@@ -217,7 +217,7 @@ def _check_interval(path: KeyPath, interval_s: float | None, most_s: float) -> I
 
 def bus_load_issues(parsed: ParsedPlant) -> Iterator[Issue]:
     for bus in parsed.file.bus:
-        drives = [(id, one) for id, one in parsed.drive_tables_of(bus) if id in parsed.profiles]
+        drives = [(id, table) for id, table in parsed.drive_tables_of(bus) if id in parsed.profiles]
         faults = list(_check_families(parsed, drives)) or list(_check_serial_settings(parsed, bus, drives))
         yield from faults
         clear = bus in parsed.port_urls and not faults
@@ -231,7 +231,7 @@ def _check_families(parsed: ParsedPlant, drives: list[tuple[str, DriveTable]]) -
     for id, dialect in dialects[1:]:
         first, other = dialects[0]
         if protocol_of(dialect.codec) != protocol_of(other.codec):
-            found, expected = ("/".join(protocol_of(one.codec)) for one in (dialect, other))
+            found, expected = ("/".join(protocol_of(side.codec)) for side in (dialect, other))
             yield issue("mixed", ("drive", id, "bus"), found, other=first, expected=expected)
 
 
@@ -248,7 +248,7 @@ def _check_serial_settings(parsed: ParsedPlant, bus: str, drives: list[tuple[str
         else:
             factory = {getattr(parsed.profiles[id].serial, name) for id, _ in drives}
             if len(factory) > 1:
-                values = tuple(str(one) for one in sorted(factory))
+                values = tuple(str(number) for number in sorted(factory))
                 yield issue("serial_unclear", path, None, name=name, values=values)
 
 
@@ -264,7 +264,7 @@ def _check_offered(
     for id, _ in drives:
         offered = _offered(parsed.profiles[id], name)
         if value not in offered:
-            choices = tuple(str(one) for one in offered)
+            choices = tuple(str(each) for each in offered)
             yield issue("serial_not_offered", path, value, drive=id, model=parsed.profiles[id].model, choices=choices)
             return
 
@@ -278,7 +278,7 @@ def _check_load(parsed: ParsedPlant, bus: str, drives: list[tuple[str, DriveTabl
     settings = serial_settings_of(config, parsed.profiles[drives[0][0]])
     issues = list(_check_periods(parsed, drives, settings))
     yield from issues
-    paced = [(one, parsed.dialects[one.id]) for one in build.drives_on_bus(parsed, config)]
+    paced = [(drive, parsed.dialects[drive.id]) for drive in build.drives_on_bus(parsed, config)]
     load = polling_load(paced, settings).load_percent
     if load > FULL_LOAD_PERCENT and not issues:
         least_s = sufficient_interval_s(paced, settings)

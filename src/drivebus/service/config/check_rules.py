@@ -224,7 +224,7 @@ def _check_keys(alarm: AlarmTable, path: KeyPath) -> Iterator[Issue]:
 def _check_alarm_signal(parsed: ParsedPlant, alarm: AlarmTable, name: str, path: KeyPath) -> Iterator[Issue]:
     drives = [drive for drive in alarm_drives(parsed, alarm) if drive in parsed.profiles]
     if not alarm.drives and not drives:
-        known = {signal for id, one in parsed.file.drive.items() for signal in polled_signals(parsed, id, one)}
+        known = {signal for id, table in parsed.file.drive.items() for signal in polled_signals(parsed, id, table)}
         yield issue(
             "alarm_signal",
             (*path, "signal"),

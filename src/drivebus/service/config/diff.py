@@ -61,7 +61,7 @@ class PartDiff(Generic[T]):
         return bool(self.added or self.removed or self.changed)
 
     def applied(self, old: Sequence[T]) -> tuple[T, ...]:
-        known = {one.id: one for one in old} | dict(self.added) | dict(self.changed)
+        known = {item.id: item for item in old} | dict(self.added) | dict(self.changed)
         return tuple(known[id] for id in self.order)
 
 
@@ -113,11 +113,11 @@ def apply_diff(change: ConfigDiff, old: PlantConfig) -> PlantConfig:
 
 
 def _part_diff(old: Sequence[T], new: Sequence[T]) -> PartDiff[T]:
-    before, after = {one.id: one for one in old}, {one.id: one for one in new}
+    before, after = {item.id: item for item in old}, {item.id: item for item in new}
     return PartDiff(
-        added={id: one for id, one in after.items() if id not in before},
+        added={id: item for id, item in after.items() if id not in before},
         removed=tuple(id for id in before if id not in after),
-        changed={id: one for id, one in after.items() if id in before and before[id] != one},
+        changed={id: item for id, item in after.items() if id in before and before[id] != item},
         order=tuple(after),
     )
 

@@ -96,7 +96,7 @@ def _parse(
         text, raw = decode_toml(content)
     except TomlFault as fault:
         raise _single_error(source, fault.issue, fault.line) from None
-    issues: list[Issue | Diagnostic] = [one for one in (format_issue(raw, PLANT_FILE_FORMAT),) if one is not None]
+    issues: list[Issue | Diagnostic] = [each for each in (format_issue(raw, PLANT_FILE_FORMAT),) if each is not None]
     parsed = None
     if not issues:
         file, faults = _validate(raw)
@@ -130,14 +130,14 @@ def _validate(raw: Mapping[str, Any]) -> tuple[PlantFile | None, list[Issue]]:
         try:
             return schema.model_validate(rest), faults
         except ValidationError as error:
-            issues = [_name_gateways(one) for one in issues_from_pydantic(error, schema, rest)]
-        faults += [one for one in issues if not _is_consequence(one, faults)]
-        for one in issues:
-            if one.path in (("plant",), ("plant", "id")):
+            issues = [_name_gateways(each) for each in issues_from_pydantic(error, schema, rest)]
+        faults += [each for each in issues if not _is_consequence(each, faults)]
+        for fault in issues:
+            if fault.path in (("plant",), ("plant", "id")):
                 plant = rest.get("plant")
                 rest["plant"] = (plant if isinstance(plant, dict) else {}) | PLACEHOLDER_PLANT
             else:
-                _remove_key(rest, one.path[:-1] if one.kind == "missing_key" else one.path)
+                _remove_key(rest, fault.path[:-1] if fault.kind == "missing_key" else fault.path)
     return None, faults
 
 

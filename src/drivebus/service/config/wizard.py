@@ -87,8 +87,10 @@ def read_answers(path: str) -> PlantAnswers:
         raise config_error([to_diagnostic(fault.issue, path, fault.line, CATALOGUE)]) from None
     except ValidationError as error:
         faults = issues_from_pydantic(error, _PlantAnswersIn, data)
-        raise config_error([to_diagnostic(one, path, line_of(text, one.path), CATALOGUE) for one in faults]) from None
-    return PlantAnswers(answers.title, tuple(_bus_answer(one) for one in answers.bus))
+        raise config_error(
+            [to_diagnostic(fault, path, line_of(text, fault.path), CATALOGUE) for fault in faults]
+        ) from None
+    return PlantAnswers(answers.title, tuple(_bus_answer(table) for table in answers.bus))
 
 
 def _bus_answer(table: _BusAnswerIn) -> BusAnswer:
@@ -114,7 +116,7 @@ def unique_id(preferred: str, taken: Iterable[str]) -> str:
     """Return ``preferred``, with a number appended if it is taken."""
     known = set(taken)
     tries: Sequence[str] = [preferred, *(f"{preferred}-{number}" for number in range(2, len(known) + 3))]
-    return next(one for one in tries if one not in known)
+    return next(candidate for candidate in tries if candidate not in known)
 
 
 _BUS_LETTERS = "abcdefghijklmnopqrstuvwxyz"

@@ -80,7 +80,7 @@ class ControlRequests:
         if last is not None and now - last < CONTROL_REQUEST_INTERVAL_S:
             wait_s = max(1, ceil(last + CONTROL_REQUEST_INTERVAL_S - now))
             raise ServiceError("plant.control_request_too_soon", drive=drive, wait_s=wait_s)
-        open_ids = {one.id for one in self._requests.values() if one.is_open and one.actor.name == actor.name}
+        open_ids = {each.id for each in self._requests.values() if each.is_open and each.actor.name == actor.name}
         if len(open_ids - {id}) >= MAX_OPEN_REQUESTS:
             raise ServiceError("plant.control_requests_too_many", limit=MAX_OPEN_REQUESTS)
         request = ControlRequest(id=id, drive=drive, actor=actor, reason=reason, requested_at=now)

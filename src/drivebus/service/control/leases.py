@@ -147,7 +147,7 @@ class ControlLeases:
 
     def end_session(self, session: str, now: float) -> list[ControlLease]:
         """End the leases of a session that has ended and return them; for a moment it takes no other."""
-        self._ended_sessions = {one: until for one, until in self._ended_sessions.items() if now < until}
+        self._ended_sessions = {ended: until for ended, until in self._ended_sessions.items() if now < until}
         self._ended_sessions[session] = now + ENDED_SESSION_TTL_S
         held = [lease for drive in self._leases if (lease := self.get(drive, now)) and lease.actor.session == session]
         for lease in held:

@@ -90,7 +90,7 @@ def _scale(values: Sequence[float], factor: float) -> list[int]:
         # The method itself takes half the time of round().
         return list(map(float.__round__, products))
     except (ValueError, OverflowError):
-        return list(accumulate(products, lambda last, one: round(one) if isfinite(one) else last, initial=0))[1:]
+        return list(accumulate(products, lambda last, value: round(value) if isfinite(value) else last, initial=0))[1:]
 
 
 def _restore(scaled: Iterable[int], factor: float) -> list[float]:
@@ -102,7 +102,7 @@ def _differing(restored: Sequence[float], values: Sequence[float]) -> list[int]:
     if restored == values and 0.0 not in restored:  # 0.0 equals −0.0
         return []
     pairs = zip(unpack("q", pack("d", restored)), unpack("q", pack("d", values)), strict=True)
-    return [n for n, (one, other) in enumerate(pairs) if one != other]
+    return [n for n, (first, other) in enumerate(pairs) if first != other]
 
 
 def _equal_steps(first: int, step: int, n: int) -> list[int]:

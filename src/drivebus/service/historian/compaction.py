@@ -91,7 +91,7 @@ class OpenBlocks:
     def last_samples(self) -> dict[int, tuple[int, int]]:
         """Return time and quality code of the newest open sample of each tag that has one."""
         with self._lock:
-            return {tag: (one.time[-1], one.quality[-1]) for tag, one in self._buffers.items() if len(one)}
+            return {tag: (buffer.time[-1], buffer.quality[-1]) for tag, buffer in self._buffers.items() if len(buffer)}
 
     def drop_compacted(self, tag: int, upto: int) -> None:
         """Remove the samples before number ``upto``, which are in blocks now. Unknown tags are ignored."""

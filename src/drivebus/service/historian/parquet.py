@@ -42,8 +42,8 @@ class _CountingSink(io.RawIOBase):
         return self._count
 
     def take(self) -> bytes:
-        held, self._pending = self._pending, bytearray()
-        return bytes(held)
+        data, self._pending = self._pending, bytearray()
+        return bytes(data)
 
 
 def parquet_parts(windows: Iterable[list[tuple[Any, ...]]], names: Sequence[str]) -> Iterator[bytes]:

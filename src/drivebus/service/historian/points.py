@@ -94,7 +94,7 @@ def points_of_samples(time: Sequence[int], value: Sequence[float], quality: byte
     counts = [1] * len(time)
     if BAD in quality or not math.isfinite(sum(value)):
         counts = [0 if code == BAD or number != number else 1 for code, number in zip(quality, value, strict=True)]
-        value = [number if one else math.nan for number, one in zip(value, counts, strict=True)]
+        value = [number if count else math.nan for number, count in zip(value, counts, strict=True)]
     return sorted_by_time(Points(time=time, count=counts, low=value, mean=value, high=value, quality=quality))
 
 
@@ -214,13 +214,13 @@ def _roll_up_with_gaps(
         columns = [list(compress(column[a:b], count[a:b])) for column in (count, low, mean, high)]
         if columns[0]:
             whole = [(0, len(columns[0]))]
-            one = _roll_up_complete(whole, [int(n) for n in columns[0]], columns[1], columns[2], columns[3])
+            columns_of_part = _roll_up_complete(whole, [int(n) for n in columns[0]], columns[1], columns[2], columns[3])
         else:
-            one = [0], [math.nan], [math.nan], [math.nan]
-        counts += one[0]
-        lows += one[1]
-        means += one[2]
-        highs += one[3]
+            columns_of_part = [0], [math.nan], [math.nan], [math.nan]
+        counts += columns_of_part[0]
+        lows += columns_of_part[1]
+        means += columns_of_part[2]
+        highs += columns_of_part[3]
     return counts, lows, means, highs
 
 

@@ -87,7 +87,7 @@ class HistoryQueries:
         level, shown = coarsest_covering(coarsest_sufficient(*span, params.points), *span, read)
         return {
             "resolution": RESOLUTIONS[level].name,
-            "series": {name: series_json(one) for name, one in shown.items()},
+            "series": {name: series_json(points) for name, points in shown.items()},
         }
 
     async def events(self, params: TimeRangeParams) -> Json:

@@ -80,7 +80,7 @@ class HistoryReader:
         by_tag = {tag: NumberedSamples([], ([], [], b"")) for tag in tags}
         fresh, rows = self._snapshot(ResolutionLevel.RAW, tags, from_ms, to_ms)
         runs = [(row.tag, row.number, _decode_samples(row)) for row in rows]
-        for tag, first, samples in sorted([*runs, *((tag, *one) for tag, one in fresh.items())], key=itemgetter(0, 1)):
+        for tag, first, samples in sorted([*runs, *((tag, *run) for tag, run in fresh.items())], key=itemgetter(0, 1)):
             by_tag[tag] = _with_samples_in_range(by_tag[tag], first, samples, from_ms, to_ms)
         return by_tag
 

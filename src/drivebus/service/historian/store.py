@@ -332,8 +332,8 @@ class HistoryStore:
     def read_blocks(
         self, level: ResolutionLevel, tags: Sequence[int], from_ms: int, to_ms: int
     ) -> tuple[dict[int, int], list[Block]]:
-        one = "SELECT tag, start_ms, number, data FROM block WHERE level = ? AND tag = ?"
-        query = f"{one} AND start_ms BETWEEN ? AND ? ORDER BY start_ms, number"
+        of_tag = "SELECT tag, start_ms, number, data FROM block WHERE level = ? AND tag = ?"
+        query = f"{of_tag} AND start_ms BETWEEN ? AND ? ORDER BY start_ms, number"
         with self.connection.transaction(writing=False):
             query_tags = "SELECT id, first_uncompacted FROM tag"
             first_uncompacted = {row[0]: row[1] for row in self.connection.fetch(query_tags)}

@@ -37,10 +37,28 @@ from drivebus.service.historian.store import (
 from drivebus.service.live.views import Sample
 from drivebus.values import Quality, Text, bilingual_text
 
+LOG = logging.getLogger("drivebus.history")
+
 MAX_QUEUED_SAMPLES = 200_000
 """Half an hour of 12 drives with 10 signals a second: a full disk that is cleared in that time loses nothing."""
 MAX_QUEUED_NOTES = 10_000
 """Queued events and documents."""
+MAX_BATCH_SAMPLES = 50_000
+"""Samples of one transaction."""
+FULL_BLOCK_SAMPLES = 3600
+"""Samples of one tag in a full block."""
+MAX_OPEN_SAMPLES = 200_000
+"""Samples that the journal holds. With fewer, blocks are small; with more, a start takes long."""
+MAX_OPEN_SAMPLES_PER_TAG = 600
+"""Samples that it holds of each tag, where that is more in all."""
+TAGS_PER_COMPACTION = 16
+"""Tags compacted in one transaction."""
+COMPACTION_BUDGET_S = 0.25
+"""Time for compaction in one cycle, unless samples arrive faster than they are compacted."""
+COMPACTION_PAUSE_S = 0.0005
+"""Pause between two tags, in which the bus loops of the same process get the interpreter."""
+RETENTION_INTERVAL_S = 600.0
+"""Interval of deleting expired rows."""
 
 
 @dataclass(slots=True)
@@ -122,12 +140,12 @@ class WriteQueue:
     def take(self, max_samples: int) -> QueuedBatch:
         """Remove and return the content of the queue, with about ``max_samples`` samples."""
         with self._lock:
-            taken, self._waiting = self._waiting, QueuedBatch()
-            while self._batches and len(taken.samples) < max_samples:
-                taken.samples.extend(self._batches.popleft())
-            self.queued -= len(taken.samples)
-            taken.accepted = self.accepted - self.queued
-            return taken
+            content, self._waiting = self._waiting, QueuedBatch()
+            while self._batches and len(content.samples) < max_samples:
+                content.samples.extend(self._batches.popleft())
+            self.queued -= len(content.samples)
+            content.accepted = self.accepted - self.queued
+            return content
 
 
 def sample_values(samples: Sequence[Sample]) -> array[float]:
@@ -208,26 +226,6 @@ def _sample_columns(samples: list[Sample]) -> SampleColumns:
         sample_values(samples),
         bytes([CODE_BY_QUALITY[sample.quality] for sample in samples]),
     )
-
-
-LOG = logging.getLogger("drivebus.history")
-
-MAX_BATCH_SAMPLES = 50_000
-"""Samples of one transaction."""
-FULL_BLOCK_SAMPLES = 3600
-"""Samples of one tag in a full block."""
-MAX_OPEN_SAMPLES = 200_000
-"""Samples that the journal holds. With fewer, blocks are small; with more, a start takes long."""
-MAX_OPEN_SAMPLES_PER_TAG = 600
-"""Samples that it holds of each tag, where that is more in all."""
-TAGS_PER_COMPACTION = 16
-"""Tags compacted in one transaction."""
-COMPACTION_BUDGET_S = 0.25
-"""Time for compaction in one cycle, unless samples arrive faster than they are compacted."""
-COMPACTION_PAUSE_S = 0.0005
-"""Pause between two tags, in which the bus loops of the same process get the interpreter."""
-RETENTION_INTERVAL_S = 600.0
-"""Interval of deleting expired rows."""
 
 
 class HistoryWriter:

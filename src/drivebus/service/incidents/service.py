@@ -87,7 +87,7 @@ class IncidentService(PlantListener):
         if runtime is None:
             return None
         bus = self._plant.bus_of(runtime)
-        newest = [one for one in bus.frames if not _is_of_former_drive(one.event, runtime)][-INCIDENT_FRAMES:]
+        newest = [frame for frame in bus.frames if not _is_of_former_drive(frame.event, runtime)][-INCIDENT_FRAMES:]
         frames = [(frame_json(bus, frame), frame.event) async for frame in iter_cooperatively(newest, internal=True)]
         return BusSnapshot(bus.config.id, bus.config.port, bus.bus.port.settings, frames)
 

@@ -80,7 +80,7 @@ class InterlockEngine:
         same = {id: old for id, old in self._states.items() if id in new and old.config == new[id].config}
         self._states = new | same
         for state in self._states.values():
-            if any(one.drive in unread_drives for one in references(state.expression)):
+            if any(reference.drive in unread_drives for reference in references(state.expression)):
                 state.evaluated = state.was_known = False
 
     def evaluate(self, views: Mapping[str, DriveView], now: float) -> list[tuple[str, bool]]:

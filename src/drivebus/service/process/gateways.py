@@ -150,7 +150,7 @@ class GatewaySupervisor(PlantListener):
 
     def on_reload(self) -> None:
         """Start what was added, end what was removed, restart what was changed; notify the others."""
-        enabled = {one.id: one for one in _enabled_gateways(self._plant.config, self._without)}
+        enabled = {gateway.id: gateway for gateway in _enabled_gateways(self._plant.config, self._without)}
         for name in self._configs.keys() - enabled.keys():
             del self._configs[name], self._plant.gateways[name]
             self._end(name)
@@ -227,7 +227,7 @@ async def report_used_ports(config: PlantConfig, without: Collection[str]) -> No
 
 
 def _enabled_gateways(config: PlantConfig, without: Collection[str]) -> Iterator[GatewayConfig]:
-    return (one for one in config.gateways if one.enabled and one.id not in without)
+    return (gateway for gateway in config.gateways if gateway.enabled and gateway.id not in without)
 
 
 async def _check_can_listen(host: str, port: int) -> None:

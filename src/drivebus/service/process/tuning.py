@@ -16,12 +16,12 @@ def set_nice(steps: int) -> None:
         os.nice(steps)
 
 
-def limit_memory(most: int) -> None:
+def limit_memory(max_bytes: int) -> None:
     """Limit the address space of this process to ``most`` bytes; without effect on Windows."""
     with suppress(ImportError):
         import resource
 
-        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+        resource.setrlimit(resource.RLIMIT_AS, (max_bytes, max_bytes))
 
 
 def raise_file_limit() -> None:

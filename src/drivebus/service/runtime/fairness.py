@@ -67,10 +67,10 @@ async def iter_cooperatively(
     items: Sequence[T], at_once: int = ITEMS_PER_TURN, *, internal: bool = False
 ) -> AsyncIterator[T]:
     """Iterate, and yield to the loop after each ``at_once`` items."""
-    for number, one in enumerate(items):
+    for number, item in enumerate(items):
         if number % at_once == at_once - 1:
             await yield_to_loop(internal=internal)
-        yield one
+        yield item
 
 
 async def encode_json_cooperatively(message: Any, *, internal: bool = False) -> bytes:
@@ -123,10 +123,10 @@ def _json_pieces(value: Any, deep: int) -> Iterator[tuple[str, int]]:
         text = COMPACT_ENCODER.encode(value)
         yield text, len(text)
         return
-    for place, one in enumerate(value.items() if named else value):
+    for place, item in enumerate(value.items() if named else value):
         yield ("{" if named else "[") if place == 0 else ",", 1
         if named:
-            key = f"{COMPACT_ENCODER.encode(one[0])}:"
+            key = f"{COMPACT_ENCODER.encode(item[0])}:"
             yield key, len(key)
-        yield from _json_pieces(one[1] if named else one, deep - 1)
+        yield from _json_pieces(item[1] if named else item, deep - 1)
     yield "}" if named else "]", 1

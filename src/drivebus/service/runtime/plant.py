@@ -38,6 +38,9 @@ from drivebus.service.storage.settings import SETTINGS_FILE, DriveIdentity, Stor
 from drivebus.types import Json
 from drivebus.values import Text
 
+T = TypeVar("T")
+
+MAX_NAMES_IN_ERROR = 20  # a plant may have hundreds of drives
 SEPARATELY_LOGGED_ALARMS = frozenset({str(AlarmKind.NO_RESPONSE), str(AlarmKind.FAULT), str(SystemAlarm.PORT_LOST)})
 """Alarms whose cause is logged by an event of its own."""
 
@@ -340,8 +343,8 @@ class Plant:
             for listener in self._listeners:
                 listener.on_alarm(change)
         for word, alarm in ((change.action, change.alarm) for change in changes if change.action != "incident"):
-            again = "_again" if word == "raised" and alarm.count > 1 else ""
-            text = localized(f"plant.alarm_{word}{again}", {"text": alarm.text, "count": alarm.count})
+            suffix = "_again" if word == "raised" and alarm.count > 1 else ""
+            text = localized(f"plant.alarm_{word}{suffix}", {"text": alarm.text, "count": alarm.count})
             actor = {"acknowledged": alarm.acknowledged_by, "shelved": alarm.shelved_by}.get(word)
             self.publish_event_text(
                 "alarm", alarm.drive or None, text, actor, word, log=alarm.kind not in SEPARATELY_LOGGED_ALARMS
@@ -443,10 +446,6 @@ def narrow_limits(own: DriveLimits, file: DriveLimits) -> DriveLimits:
         own.reverse and file.reverse,
         file.eeprom_writes_per_day,
     )
-
-
-T = TypeVar("T")
-MAX_NAMES_IN_ERROR = 20  # a plant may have hundreds of drives
 
 
 def _lookup(by_id: dict[str, T], kind: str, id: str) -> T:

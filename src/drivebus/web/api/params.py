@@ -39,10 +39,10 @@ def _query_params(operation: Operation, request: Request) -> Json:
     """Return a list for a list parameter and a repeated name, an integer or a boolean for such a parameter, else the
     text.
     """
-    schemas, given = operation.param_schemas(), dict[str, list[str]]()
+    schemas, values_by_name = operation.param_schemas(), dict[str, list[str]]()
     for name, value in request.query_params.multi_items():
-        given.setdefault(name, []).append(value)
-    return {name: _query_value(values, schemas.get(name, {})) for name, values in given.items()}
+        values_by_name.setdefault(name, []).append(value)
+    return {name: _query_value(values, schemas.get(name, {})) for name, values in values_by_name.items()}
 
 
 def _query_value(values: list[str], schema: Json) -> Any:

@@ -68,13 +68,13 @@ def _forward(operation: Operation) -> Callable[[Request], Awaitable[Response]]:
 
 async def _until_disconnected(request: Request, call: Coroutine[Any, Any, bytes]) -> bytes:
     """Return the result of a call; it is cancelled, and nothing returned, when the client disconnects."""
-    running, gone = asyncio.ensure_future(call), asyncio.ensure_future(_disconnected(request))
+    running, disconnected = asyncio.ensure_future(call), asyncio.ensure_future(_disconnected(request))
     try:
-        await asyncio.wait({running, gone}, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait({running, disconnected}, return_when=asyncio.FIRST_COMPLETED)
         return await running if running.done() else b""
     finally:
         running.cancel()
-        gone.cancel()
+        disconnected.cancel()
 
 
 async def _disconnected(request: Request) -> None:

@@ -64,8 +64,8 @@ def parse_interval(text: str | None) -> float:
     return max(MIN_INTERVAL_S, round(float(text) * 20) / 20)
 
 
-def _limited_list(value: object, most: int) -> list[str]:
-    if not isinstance(value, list) or len(value) > most:
+def _limited_list(value: object, max_items: int) -> list[str]:
+    if not isinstance(value, list) or len(value) > max_items:
         raise ValueError("a list")
     return value
 

@@ -116,7 +116,7 @@ async def remove_token(request: Request, params: TokenParams) -> Json:
     """Remove a token; another user's is answered as one that does not exist."""
     context, token = context_of(request), params.token
     database = context.auth.database
-    manageable = {one.id for one in database.tokens if _may_manage(request, one)}
+    manageable = {each.id for each in database.tokens if _may_manage(request, each)}
     (database if token in manageable else UserDatabase()).without_token(token)
     change = context.auth.change_database(lambda database: database.without_token(token))
     await context.record_change(TOKEN_REMOVE, token, {}, actor_of(request), change)
