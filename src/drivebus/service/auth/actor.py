@@ -30,6 +30,10 @@ class Actor:
         """Return whether the actor has the right; an access level is no right of anybody."""
         return required in self.rights
 
+    def is_same_session(self, other: Actor) -> bool:
+        """Return whether both act in one session, which control leases, requests and jogs belong to."""
+        return self.session == other.session
+
     def is_same_local_user(self, other: Actor) -> bool:
         """Return whether both are the same user on the local socket, in one terminal or in two."""
         return not self.remote and not other.remote and self.name == other.name

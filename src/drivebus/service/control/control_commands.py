@@ -45,7 +45,7 @@ class ControlCommands:
         runtime, now = self.plant.drive_runtime(params.drive), self.plant.now()
         taken = self.plant.leases.take(runtime.id, actor, now)
         request = self.plant.control_requests.find_open(runtime.id)
-        if taken is not None and request is not None and request.actor.session != actor.session:
+        if taken is not None and request is not None and not request.actor.is_same_session(actor):
             self.plant.publish_event(
                 "lease",
                 runtime.id,
@@ -99,7 +99,7 @@ class ControlCommands:
         lease = self.plant.leases.get(runtime.id, now)
         if lease is None:
             raise ServiceError("plant.control_is_free", drive=runtime.id)
-        if lease.actor.session == actor.session:
+        if lease.actor.is_same_session(actor):
             raise ServiceError("plant.control_is_own", drive=runtime.id)
         self.plant.control_requests.make(id, runtime.id, actor, reason, now)
         key = "plant.control_requested" if reason is None else "plant.control_requested_for"
@@ -135,8 +135,7 @@ class ControlCommands:
         """Ask for each drive that another session controls, with one id for all requests."""
         id, outcomes = self.plant.command_id("request"), {}
         for runtime in self.plant.selected(params.drives, params.group, everything=params.all):
-            lease = self.plant.leases.get(runtime.id, self.plant.now())
-            if lease is not None and lease.actor.session == actor.session:
+            if self.plant.leases.controls(runtime.id, actor, self.plant.now()):
                 outcomes[runtime.id] = UNCHANGED
                 continue
             try:

@@ -102,7 +102,7 @@ class ControlRequests:
     def withdraw(self, drive: str, actor: Actor, now: float) -> None:
         """End the open request of this session. Raises NotFound without one."""
         request = self.find_open(drive)
-        if request is None or request.actor.session != actor.session:
+        if request is None or not request.actor.is_same_session(actor):
             raise NotFound("plant.no_own_control_request", drive=drive)
         self.end(request, "withdrawn", now)
 
@@ -140,6 +140,6 @@ def _ended_state(request: ControlRequest, leases: ControlLeases, now: float) -> 
     lease = leases.get(request.drive, now)
     if lease is None:
         return "released"
-    if lease.actor.session == request.actor.session:
+    if lease.actor.is_same_session(request.actor):
         return "withdrawn"
     return "expired" if now >= request.expires_at else None

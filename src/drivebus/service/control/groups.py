@@ -147,8 +147,7 @@ class GroupCommands:
 
     def _check_still_owner(self, runtime: DriveRuntime, actor: Actor) -> None:
         """Raise ControlNotHeld where the actor lost control while other drives started."""
-        lease = self.plant.leases.get(runtime.id, self.plant.now())
-        if lease is None or lease.actor.session != actor.session:
+        if not self.plant.leases.controls(runtime.id, actor, self.plant.now()):
             raise ControlNotHeld("plant.lease_gone", drive=runtime.id)
 
     async def _wait_for_slot(self, start: _GroupStart, runtime: DriveRuntime, ticket: CommandTicket) -> float:

@@ -69,7 +69,7 @@ class RemoteJogs(PlantListener):
         another session has taken control since: then it ends.
         """
         jog = self._find(params)
-        if jog.actor.session != actor.session:
+        if not jog.actor.is_same_session(actor):
             raise ControlNotHeld("plant.not_owner", drive=jog.drive.id, owner=jog.actor.name)
         self._remove_stopped(params.jog)
         now = self.plant.now()
@@ -106,9 +106,10 @@ class RemoteJogs(PlantListener):
         """
         lease = self.plant.leases.get(drive, self.plant.now())
         if lease is not None:
-            session = lease.actor.session
             jogs = {
-                id: jog for id, jog in self._active.items() if jog.drive.id == drive and jog.actor.session != session
+                id: jog
+                for id, jog in self._active.items()
+                if jog.drive.id == drive and not jog.actor.is_same_session(lease.actor)
             }
             self._end(jogs, "plant.jog_taken_over")
 

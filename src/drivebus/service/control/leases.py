@@ -64,6 +64,11 @@ class ControlLeases:
         lease = self._leases.get(drive)
         return lease if lease is not None and now < lease.expires_at else None
 
+    def controls(self, drive: str, actor: Actor, now: float) -> bool:
+        """Return whether the session of the actor controls a drive."""
+        lease = self.get(drive, now)
+        return lease is not None and lease.actor.is_same_session(actor)
+
     def take(self, drive: str, actor: Actor, now: float) -> ControlLease | None:
         """Give the actor control and return the lease of another session that this ended; an engineer may take one.
 
@@ -72,12 +77,12 @@ class ControlLeases:
         if self.has_ended(actor.session, now):
             raise ControlNotHeld("plant.session_has_ended", drive=drive)
         lease = self.get(drive, now)
-        taken = lease if lease is not None and lease.actor.session != actor.session else None
+        taken = lease if lease is not None and not lease.actor.is_same_session(actor) else None
         if taken is not None and not actor.may(Right.WRITE_PARAMETERS):
             raise _not_owner_error(taken)
         old = self._leases.get(drive)
         self._leases[drive] = ControlLease(drive, actor, now + LEASE_TTL_S)
-        if old is not None and old.actor.session != actor.session:
+        if old is not None and not old.actor.is_same_session(actor):
             if taken is None:
                 self._replaced_expired.append(old)
             self._on_control_end(drive)
@@ -103,7 +108,7 @@ class ControlLeases:
         lease = self.get(drive, now)
         if lease is None:
             raise ControlNotHeld("plant.no_lease", drive=drive)
-        if lease.actor.session != actor.session:
+        if not lease.actor.is_same_session(actor):
             raise _not_owner_error(lease)
         return lease
 
@@ -128,7 +133,7 @@ class ControlLeases:
     def release(self, drive: str, actor: Actor, now: float) -> None:
         """End a lease; there may be none. Raises ControlNotHeld where it is another session's."""
         lease = self.get(drive, now)
-        if lease is not None and lease.actor.session != actor.session:
+        if lease is not None and not lease.actor.is_same_session(actor):
             raise _not_owner_error(lease)
         if lease is not None:
             self._end(lease)

@@ -18,8 +18,7 @@ class CommandTicket:
     """Issue time (monotonic) of a command, the drives it affects, and how often each had been stopped by then."""
 
     issued_at: float
-    session: str
-    """Session that gave the command."""
+    actor: Actor
     stop_counts: Mapping[str, int]
     control_end_counts: Mapping[str, int]
     """Number of times that control of a drive had ended by then, of each drive that the session controlled."""
@@ -34,15 +33,15 @@ MotionHandler = Callable[[Any, Actor, CommandTicket], Awaitable[Json]]
 
 def issue_ticket(plant: Plant, runtimes: Iterable[DriveRuntime], actor: Actor) -> CommandTicket:
     """Return a ticket for a command of ``actor`` to these drives."""
-    drives, session = tuple(runtimes), actor.session
+    drives, now = tuple(runtimes), plant.now()
     return CommandTicket(
-        issued_at=plant.now(),
-        session=session,
+        issued_at=now,
+        actor=actor,
         stop_counts={runtime.id: plant.stop_counts[runtime.id] for runtime in drives},
         control_end_counts={
             runtime.id: plant.control_end_counts[runtime.id]
             for runtime in drives
-            if _controls(plant, session, runtime.id)
+            if plant.leases.controls(runtime.id, actor, now)
         },
         drives=drives,
     )
@@ -55,7 +54,8 @@ def check_not_superseded(plant: Plant, ticket: CommandTicket) -> None:
     """
     check_not_stopped(plant, ticket)
     for drive, count in ticket.control_end_counts.items():
-        if plant.control_end_counts[drive] != count and _controls(plant, ticket.session, drive):
+        has_ended = plant.control_end_counts[drive] != count
+        if has_ended and plant.leases.controls(drive, ticket.actor, plant.now()):
             raise Superseded("plant.control_ended_meanwhile", drive=drive)
 
 
@@ -69,8 +69,3 @@ def check_not_stopped(plant: Plant, ticket: CommandTicket) -> None:
             raise Superseded("plant.stopped_meanwhile", drive=runtime.id)
         if plant.drives.get(runtime.id, runtime) is not runtime:
             raise Superseded("plant.another_meanwhile", drive=runtime.id)
-
-
-def _controls(plant: Plant, session: str, drive: str) -> bool:
-    lease = plant.leases.get(drive, plant.now())
-    return lease is not None and lease.actor.session == session
