@@ -18,7 +18,7 @@ from drivebus.service.auth.errors import (
     InvalidInput,
     ResourceNotFound,
 )
-from drivebus.service.auth.names import _look_alikes, appearance
+from drivebus.service.auth.names import _look_alikes, appearance, normalized_name
 from drivebus.service.auth.rights import Right, Role
 from drivebus.service.auth.users import OneTimeCode, Token, User, UserDatabase, UserFile
 
@@ -96,6 +96,69 @@ def test_an_invalid_name_is_rejected(name: str) -> None:
     with pytest.raises(InvalidInput) as rejected:
         UserDatabase().with_user(User(name, Role.VIEWER, None, 1))
     assert rejected.value.key == "auth.bad_name"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "สมหญิง",
+        "ไพฑูรย์",
+        "น้ำ",
+        "हिन्दी",
+        "फ़ैज़",
+        "தமிழ்",
+        "বাংলা",
+        "ဦးကျော်",
+        "ភាសា",
+        "සිංහල",
+        "བོད",
+        "adébáyọ̀",
+        "m\u0304.2@x",
+        "دَوِد",
+    ],
+)
+def test_a_name_whose_letters_have_marks_is_accepted(name: str) -> None:
+    """Vowel signs and tone marks of Thai, Hindi and others are no letters in Unicode: their names were refused."""
+    stored = normalized_name(name)  # as ``AuthService`` stores it
+    found = UserDatabase().with_user(User(stored, Role.VIEWER, None, 1)).find(name)
+    assert found is not None and found.name == stored
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "ि",
+        "7ि",
+        "a-ิ",
+        "aि",
+        "हำ",
+        "a\u0338",
+        "a\u0335",
+        "i\u0307",
+        "a\u034f",
+        "a\u20dd",
+        "ह\ufe0f",
+        "ក\u17b4",
+        "ann\u1160",
+        "김\u3164",
+        "ก\u0e34\u0e34\u0e34\u0e34\u0e34\u0e34",
+        "กิ" * 33,
+        "हि\u200dन्दी",
+        "王\u0301",
+    ],
+    ids=ascii,
+)
+def test_a_mark_without_its_letter_and_one_that_hides_or_covers_letters_is_rejected(name: str) -> None:
+    with pytest.raises(InvalidInput) as rejected:
+        UserDatabase().with_user(User(normalized_name(name), Role.VIEWER, None, 1))
+    assert rejected.value.key == "auth.bad_name"
+
+
+@pytest.mark.parametrize(("name", "alike"), [("आशा", "अाशा"), ("ओम", "अाेम"), ("আলি", "অালি"), ("ঔৡ", "ঔৠ"), ("ဩ", "သြ")])
+def test_a_name_that_another_sequence_of_letters_and_marks_looks_like_is_taken(name: str, alike: str) -> None:
+    database = UserDatabase().with_user(User(name, Role.VIEWER, None, 1))
+    with pytest.raises(Conflict):
+        database.with_user(User(alike, Role.VIEWER, None, 1))
 
 
 @pytest.mark.parametrize("name", ["ann", "王伟", "li.wei-2@plant", "7"])

@@ -7,10 +7,18 @@ import unicodedata
 from functools import cache
 from importlib.resources import files
 
+from drivebus.control_characters import INVISIBLE_RANGES
 from drivebus.service.auth.actor import SERVICE_NAME
 from drivebus.service.auth.errors import InvalidInput
 
 _USER_NAME = re.compile(r"[^\W_][\w.@-]{0,63}")
+"""A name without the marks of its letters."""
+MAX_NAME_LENGTH = 64  # characters, with marks
+MAX_MARKS = 5  # of one letter, as in Burmese; more of them would cover other lines
+_DIACRITICS = frozenset("\u0300\u0301\u0302\u0303\u0304\u0306\u0308\u0309\u030a\u030b\u030c\u0323\u0326\u0327\u0328")
+"""Marks that each Latin, Greek or Cyrillic letter may have: none that its dot hides or that crosses it out."""
+_WITH_DIACRITICS = frozenset({"LATIN", "GREEK", "CYRILLIC"})
+_INVISIBLE = re.compile(f"[{INVISIBLE_RANGES}]")
 _EAST_ASIAN = frozenset(
     {"LATIN", "CJK", "HIRAGANA", "KATAKANA", "HANGUL", "BOPOMOFO", "IDEOGRAPHIC", "KATAKANA-HIRAGANA"}
 )
@@ -24,31 +32,55 @@ def normalized_name(name: str) -> str:
 
 def appearance(name: str) -> str:
     """Return a text that is the same for names that look the same although their letters are of other scripts."""
-    return normalized_name(name).translate(_look_alikes())
+    return normalized_name(normalized_name(name).translate(_look_alikes()))  # marks in their order again
 
 
 @cache
 def _look_alikes() -> dict[int, str]:
-    """Return the letter in place of each that looks like it; ``look_alikes.txt`` names source and licence."""
+    """Return the text in place of each letter that looks like it; ``look_alikes.txt`` names source and licence."""
     lines = files("drivebus.service.auth").joinpath("look_alikes.txt").read_text(encoding="utf-8").splitlines()
-    alike = {other: line[0] for line in lines if not line.startswith("#") for other in line[1:]}
-    for other in alike:
-        while alike[other] in alike:
-            alike[other] = alike[alike[other]]
-    return {ord(other): letter for other, letter in alike.items()}
+    table: dict[int, str] = {}
+    for line in lines:
+        if not line.startswith("#"):
+            text, _, others = line.partition(" ")
+            table |= {ord(other): text if others else text[0] for other in others or text[1:]}
+    while (resolved := {other: text.translate(table) for other, text in table.items()}) != table:
+        table = resolved
+    return table
 
 
 def check_user_name(name: str) -> None:
     """Check that a user may have this name. Raises InvalidInput."""
-    if not _USER_NAME.fullmatch(name) or name != normalized_name(name):
+    letters = _without_marks(name)
+    is_visible = len(name) <= MAX_NAME_LENGTH and not _INVISIBLE.search(name)
+    if not (is_visible and _USER_NAME.fullmatch(letters) and name == normalized_name(name)):
         raise InvalidInput("auth.bad_name", name=name)
-    scripts = {_script(letter) for letter in name if letter.isalpha()}
+    scripts = {_script(letter) for letter in letters if letter.isalpha()}
     if len(scripts) > 1 and not scripts <= _EAST_ASIAN:
         raise InvalidInput("auth.mixed_scripts", name=name)
     if appearance(name) == SERVICE_NAME:
         raise InvalidInput("auth.reserved_name", name=name)
 
 
+def _without_marks(name: str) -> str:
+    """Return the name without the marks that its letters may have, at most ``MAX_MARKS`` each; all others stay."""
+    letters: list[str] = []
+    marks = 0
+    for character in name:
+        marks += 1
+        if not (letters and marks <= MAX_MARKS and _is_mark_of(character, letters[-1])):
+            letters.append(character)
+            marks = 0
+    return "".join(letters)
+
+
+def _is_mark_of(character: str, letter: str) -> bool:
+    """Return whether a character is a mark that this letter may have: of its own script, or a known diacritic."""
+    if unicodedata.category(character) not in ("Mn", "Mc") or not letter.isalpha():
+        return False
+    return _script(character) == _script(letter) or (character in _DIACRITICS and _script(letter) in _WITH_DIACRITICS)
+
+
 def _script(letter: str) -> str:
-    """Return the script of a letter: the first word of its name in Unicode."""
+    """Return the script of a letter or mark: the first word of its name in Unicode."""
     return unicodedata.name(letter, "?").partition(" ")[0]
