@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -208,3 +209,31 @@ def test_ctrl_c_during_a_command_is_not_reported_as_one_before_it(monkeypatch: p
     result = invoke("models")
     assert result.exit_code == ExitCode.INTERRUPTED
     assert "nothing was sent" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "sentence"),
+    [
+        (("stop", "/dev/ttyNone", *C320[1:]), ExitCode.UNKNOWN, "STOP NOT SENT"),
+        (("stop", *C320, "--adress", "1"), ExitCode.USAGE, NOT_SENT),
+    ],
+)
+@pytest.mark.parametrize("interrupted", [1, 2, 3])
+def test_ctrl_c_while_an_error_is_printed_neither_loses_it_nor_ends_in_a_traceback(
+    monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], code: ExitCode, sentence: str, interrupted: int
+) -> None:
+    """A second Ctrl-C as the sentence came ended an attached run with a traceback and another exit code."""
+    prints, echo = count(1), click.echo
+
+    def echo_interrupted(*given: Any, **named: Any) -> None:
+        if next(prints) == interrupted:
+            raise KeyboardInterrupt
+        echo(*given, **named)
+
+    monkeypatch.setattr(click, "echo", echo_interrupted)
+    try:
+        result = invoke(*words)
+    except KeyboardInterrupt:
+        pytest.fail("Ctrl-C ended the command while its error was printed")
+    assert result.exit_code == code
+    assert sentence in result.stderr

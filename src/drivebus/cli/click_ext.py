@@ -367,9 +367,12 @@ class LazyGroup(_LocalizedHelp, click.Group):
 
     def _run_to_exit_code(self, arguments: list[str], *rest: Any, **named: Any) -> int:
         output.parse_global_options(arguments)
-        code = self._run_with_errors(arguments, *rest, **named)
-        if code not in (errors.ExitCode.DONE, errors.ExitCode.INTERRUPTED):
-            errors.note_full_width(arguments)
+        try:
+            code = self._run_with_errors(arguments, *rest, **named)
+            if code not in (errors.ExitCode.DONE, errors.ExitCode.INTERRUPTED):
+                errors.note_full_width(arguments)
+        except KeyboardInterrupt:  # one more, as the command was already ending
+            return errors.ExitCode.INTERRUPTED
         return code
 
     def _run_with_errors(self, arguments: list[str], *rest: Any, **named: Any) -> int:

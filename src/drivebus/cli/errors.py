@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from enum import IntEnum
 from typing import Any
 
@@ -109,10 +110,22 @@ def exit_code_of(error: BaseException) -> ExitCode:
 def report_error(error: DrivebusError) -> ExitCode:
     """Print an error on standard error, and as a document with ``--json``; return its exit code."""
     code = exit_code_of(error)
-    with output.continue_without_output():
-        print_error(error)
-        output.print_json(error_json(error) | {"exit": int(code)}, stream=True)
+    _print_uninterrupted(lambda: print_error(error))
+    _print_uninterrupted(lambda: output.print_json(error_json(error) | {"exit": int(code)}, stream=True))
     return code
+
+
+def _print_uninterrupted(print_part: Callable[[], None]) -> None:
+    """Print a part of a report; once more where Ctrl-C ends it: a stop that was not sent must not go unnamed.
+
+    A second Ctrl-C gives it up: its reader may have stopped reading.
+    """
+    with output.continue_without_output():
+        try:
+            print_part()
+        except KeyboardInterrupt:
+            with suppress(KeyboardInterrupt):
+                print_part()
 
 
 def from_os_error(error: OSError) -> ConfigurationError:
@@ -151,9 +164,10 @@ def error_json(error: DrivebusError) -> dict[str, Any]:
 
 
 def error_hint(error: DrivebusError) -> str | None:
-    """Return the remedy at the command line, ``hint.<key>`` of the error or its cause; None without one."""
+    """Return the remedy at the command line: ``hint.<key>`` of the error, its cause or its reason; None without one."""
     cause = error.__cause__
-    for reason in (error, cause) if isinstance(cause, DrivebusError) else (error,):
+    reasons: list[Any] = [reason for reason in (error, cause, error.params.get("why")) if hasattr(reason, "key")]
+    for reason in reasons:
         own = next(
             filter(None, (_HINTS_OF_VALUES.get((reason.key, str(value))) for value in reason.params.values())), None
         )
@@ -191,13 +205,16 @@ def report_usage(error: click.ClickException) -> ExitCode:
         "hint": hint and output.text(hint),
         "scope": "configuration",
     }
-    with output.continue_without_output():
+
+    def print_usage() -> None:
         _print_error_line(sentence)
         if hint is not None:
             output.print_note(hint)
         output.print_note("cli.try_help", command=path)
         _print_notes(error)
-        output.print_json({"error": described, "exit": int(ExitCode.USAGE)}, stream=True)
+
+    _print_uninterrupted(print_usage)
+    _print_uninterrupted(lambda: output.print_json({"error": described, "exit": int(ExitCode.USAGE)}, stream=True))
     return ExitCode.USAGE
 
 
