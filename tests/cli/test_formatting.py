@@ -128,6 +128,19 @@ def test_columns_that_do_not_fit_beside_each_other_stand_below_each_other(maker:
     assert len(columns) == 1
 
 
+@pytest.mark.parametrize("cells", [24, 39, 50])
+def test_a_value_of_a_narrow_table_is_not_separated_from_its_unit(cells: int) -> None:
+    """A terminal with 40 columns had ``0.0`` at the end of one line and ``A`` on the next one."""
+    rows = [
+        ["fault_word_0", "故障字 0（0～15，位 0 为欠压）", "0 (0000H)", "0.00 s", ""],
+        ["output_current", "输出电流", "0.0 A", "0.15 s", "不确定：比例尚未标定：暂按十六进制 0.1 解读"],
+    ]
+    shown = text_layout.table(["信号", "含义", "数值", "距今", "说明"], rows, cells)
+    assert max(text_layout.width(line) for line in shown.splitlines()) <= cells
+    assert all(value in shown for row in rows for value in row[2:4])
+    assert "".join("".join(rows[1]).split()) in "".join(shown.split())
+
+
 @pytest.mark.parametrize(("seconds", "shown"), [(0.2, "1 s"), (2.4, "2 s"), (1910.0, "31 min 50 s")])
 def test_a_duration_is_at_least_one_second(seconds: float, shown: str) -> None:
     assert format_duration(seconds) == shown

@@ -251,7 +251,8 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], cells: int = _UNLI
     """Format a table whose columns are as wide as their widest cell.
 
     The last column is wrapped to end within ``cells``, on lines of its own if little space is left beside the others.
-    So are further columns from the right, as long as the rest does not fit beside each other.
+    So are further columns from the right, as long as the rest does not fit beside each other; below each other they
+    stand in columns too where these fit.
     """
     widths = [max(width(row[index]) for row in [head, *rows]) for index in range(len(head))]
     left = sum(widths[:-1]) + 2 * (len(head) - 1)
@@ -260,17 +261,35 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], cells: int = _UNLI
     while lead > 1 and sum(widths[:lead]) + 2 * (lead - 1) > cells:
         lead -= 1
     folds_columns = not beside and lead < len(head) - 1
+    folded = sum(widths[lead:-1]) + 2 * (len(head) - 1 - lead) + min(_MIN_LAST_COLUMN_CELLS, widths[-1])
+    aligns_folded = folds_columns and folded <= cells - 4
 
     def cells_of(row: Sequence[str], start: int, end: int) -> str:
         return "  ".join(pad(row[index], widths[index]) for index in range(start, end))
 
     shown: list[str] = []
     for row in [head, *rows] if beside or folds_columns else rows:
-        rest = "  ".join([cells_of(row, lead, len(head) - 1), row[-1]]) if folds_columns else row[-1]
-        last = wrap(rest, cells - (left if beside else 4))
+        if folds_columns and not aligns_folded:
+            last = _fill_lines(row[lead:], cells - 4)
+        else:
+            rest = "  ".join([cells_of(row, lead, len(head) - 1), row[-1]]) if folds_columns else row[-1]
+            last = wrap(rest, cells - (left if beside else 4))
         shown.append(f"{cells_of(row, 0, lead)}  {last.pop(0) if last and beside else ''}".rstrip())
         shown += [" " * (left if beside else 4) + line for line in last]
     return "\n".join(shown if beside or folds_columns else [cells_of(head, 0, lead).rstrip(), *shown])
+
+
+def _fill_lines(row: Sequence[str], cells: int) -> list[str]:
+    """Return lines with as many values of a row as fit beside each other; only one longer than a line is broken."""
+    lines: list[str] = []
+    for value in filter(None, row):
+        joined = f"{lines[-1]}  {value}" if lines else value
+        fits = width(joined) <= cells
+        if lines and (fits or width(value) > cells):
+            lines[-1:] = [joined] if fits else wrap(joined, cells)
+        else:
+            lines += wrap(value, cells)
+    return lines
 
 
 def fitted_table(head: Sequence[str], rows: Sequence[Sequence[str]], stream: Any = None) -> str:
