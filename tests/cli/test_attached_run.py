@@ -14,11 +14,12 @@ from drivebus import i18n, profiles
 from drivebus.cli import output
 from drivebus.cli.commands import run
 from drivebus.cli.commands.run import _progress_printer, _watch
-from drivebus.cli.errors import ExitCode
+from drivebus.cli.errors import ExitCode, error_hint
 from drivebus.cli.main import cli
 from drivebus.cli.run_watch import RunWatch
 from drivebus.cli.signals import ShutdownSignal
-from drivebus.drives.outcome import Outcome, OutcomeStatus
+from drivebus.drives.operations import start
+from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
 from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault
 from drivebus.errors import ChecksumError, ControlNotHeld, DrivebusError, NotFound, PortLost
 from drivebus.values import Text
@@ -200,3 +201,24 @@ def test_waiting_for_the_speed_shows_the_drive_twice_a_second(capsys: pytest.Cap
     for _ in range(4):
         show(DriveStatus(state=DriveState.ACCELERATING, direction=Direction.FORWARD))
     assert capsys.readouterr().out.count("accelerating, forward") == 2
+
+
+@pytest.mark.parametrize("key", ["drives.not_started", "drives.setpoint_unknown"])
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_frequency_that_may_not_have_arrived_is_answered_with_the_next_step(
+    monkeypatch: pytest.MonkeyPatch, key: str, language: str
+) -> None:
+    """``the start was not sent: 10.0 Hz was sent; it is unknown …`` stood alone, and the motor stood still."""
+    unknown = Outcome(status=OutcomeStatus.UNKNOWN, key="drives.setpoint_unknown", params={"frequency_hz": 10.0})
+    outcome = unknown if key == unknown.key else start._not_started_outcome(unknown)
+    with pytest.raises(DrivebusError) as caught:
+        raise_for_status(outcome)
+    assert caught.value.key == key
+    monkeypatch.setattr(output, "language", lambda: language)
+    assert error_hint(caught.value) == i18n.text("hint.drives.setpoint_unknown", language)
+
+
+@pytest.mark.parametrize(("language", "words"), [("en", "after a communication loss"), ("zh", "若通信曾中断")])
+def test_a_drive_that_stood_still_after_an_outage_may_have_stopped_by_itself(language: str, words: str) -> None:
+    """Only keypad, terminals and another master were named after the adapter had been pulled out."""
+    assert words in i18n.text("run.off_by_itself", language)

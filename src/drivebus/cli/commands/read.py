@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +17,11 @@ from drivebus.cli.formatting import format_value, reading_json
 from drivebus.profiles.model import Parameter, Signal
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from drivebus.cli.dry_run import DryRun
-    from drivebus.errors import ProfileError
+    from drivebus.drives import Drive
+    from drivebus.errors import DrivebusError, ProfileError
     from drivebus.profiles.model import DriveProfile
     from drivebus.values import Reading
 
@@ -32,20 +36,43 @@ async def _read(target: Target, names: tuple[str, ...]) -> ExitCode:
     """Read the known names; return 2 if a name is unknown. Opens no port where none is known."""
     entries, unknown = _find_entries(target.profile, names)
     rows: list[dict[str, Any]] = []
+    silence: DrivebusError | None = None
     if entries:
         async with connect.open_drive(target) as (bus, drive):
             readings = await drive.read(list(entries))
+            if target.service is None and _lack_replies(readings):
+                readings, silence = await _read_again(drive, list(entries))
             now = bus.now()
         rows = [value_json(name, entries[name], readings[name], now) for name in entries]
     target_json = {"port": target.port, "model": target.model, "address": target.address}
     output.print_json(target_json | {"values": rows, "refused": _refused_json(unknown)})
     if entries:
         output.print_text(values_table(rows, entries))
-    for error in unknown:
+    for error in (*unknown, *([silence] if silence else ())):
         print_error(error)
     if unknown:
         return ExitCode.USAGE
     return ExitCode.DONE if all(row["value"] is not None for row in rows) else ExitCode.FAILED
+
+
+def _lack_replies(readings: Mapping[str, Reading]) -> bool:
+    """Return whether the drive answered no read at all."""
+    return all(reading.reason == "drives.no_answer" for reading in readings.values())
+
+
+async def _read_again(drive: Drive, names: list[str]) -> tuple[dict[str, Reading], DrivebusError | None]:
+    """Read once more after ``LATE_REPLY_WAIT_S``; return the readings, and why the drive does not answer where it does
+    not.
+    """
+    from drivebus.errors import DrivebusError
+
+    await asyncio.sleep(connect.LATE_REPLY_WAIT_S)
+    silence: DrivebusError | None = None
+    try:
+        await drive.identify()
+    except DrivebusError as error:
+        silence = error
+    return await drive.read(names), silence
 
 
 def _find_entries(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import TYPE_CHECKING
 
 from drivebus.cli import connect, output
@@ -13,19 +14,36 @@ if TYPE_CHECKING:
     from drivebus.cli.dry_run import DryRun
     from drivebus.drives import Drive
     from drivebus.drives.dialects.base import Identity
+    from drivebus.drives.state import DriveStatus
 
 
 async def _status(target: Target) -> ExitCode:
     from drivebus.cli.formatting import status_json, status_text
 
     async with connect.open_drive(target) as (bus, drive):
-        status = await drive.status()
+        status = await (drive.status() if target.service is not None else _read_status(drive))
         now = bus.now()
         identity = None if target.service is not None else await _identity(drive)
     where = {"port": target.port, "model": target.model, "address": target.address}
     output.print_json(where | status_json(status, now) | {"identity": identity and identity.as_json()})
     output.print_text(status_text(status, now, drive.profile, identity))
     return ExitCode.DONE
+
+
+async def _read_status(drive: Drive) -> DriveStatus:
+    """Read the status; where no reply comes, once more a second later, so that one which comes late is named as late.
+
+    Raises the error of the second attempt.
+    """
+    from drivebus.errors import NoReply
+
+    try:
+        return await drive.status()
+    except NoReply as error:
+        if error.key == "bus.late_reply":
+            raise
+        await asyncio.sleep(connect.LATE_REPLY_WAIT_S)
+        return await drive.status()
 
 
 async def _identity(drive: Drive) -> Identity | None:

@@ -1,0 +1,114 @@
+"""``status`` and ``read`` of a drive that answers late, or whose first replies are lost: named as late, or read."""
+
+from __future__ import annotations
+
+from itertools import count
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from drivebus import i18n
+from drivebus.cli.commands.read import _read_again
+from drivebus.cli.commands.status import _read_status
+from drivebus.cli.connect import LATE_REPLY_WAIT_S
+from drivebus.cli.errors import ExitCode, error_hint
+from drivebus.cli.main import cli
+from drivebus.drives.state import DriveStatus
+from drivebus.errors import DrivebusError
+from drivebus.simulator.port import simulated_bus_of
+from drivebus.simulator.wire import Transmission
+from drivebus.values import Reading
+from fixtures.drives import MODELS, SimulatedDrives, run_virtual
+
+LATE_S = 0.4  # later than each of these models is expected to reply
+
+
+def impair_replies(bench: SimulatedDrives, *, delay_s: float = 0.0, lost: int = 0) -> None:
+    """Send all replies ``delay_s`` late, and lose the first ``lost`` of them."""
+    wire, numbers = simulated_bus_of(bench.port).wire, count()
+    transmit = wire.transmit_reply
+
+    def transmit_impaired(source: object, data: bytes, now: float, at: float) -> Transmission:
+        sent = transmit(source, data, now, at + delay_s)
+        if next(numbers) < lost:
+            sent.dropped.update(range(len(data)))
+        return sent
+
+    wire.transmit_reply = transmit_impaired  # type: ignore[method-assign]
+
+
+def first_status(model: str, **impairment: Any) -> DriveStatus:
+    async def scenario() -> DriveStatus:
+        async with SimulatedDrives(model) as bench:
+            impair_replies(bench, **impairment)
+            return await _read_status(bench.drive())
+
+    return run_virtual(scenario())
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_drive_that_answers_late_from_its_first_reply_on_is_called_late_and_not_offline(model: str) -> None:
+    """The command had ended before the first reply came, so only its hint named the reply delay."""
+    with pytest.raises(DrivebusError) as caught:
+        first_status(model, delay_s=LATE_S)
+    assert caught.value.key == "bus.late_reply"
+    assert 0 < caught.value.params["milliseconds"] <= LATE_S * 1000 + 200
+    assert "reply delay is longer" in (error_hint(caught.value) or "")
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_drive_whose_first_replies_are_missing_has_its_status_a_second_later(model: str) -> None:
+    """Two frames lost on a noisy bus ended the command with the advice to check address, baud rate and wiring."""
+    status = first_status(model, lost=2)
+    assert status.unusable_reply is None
+    assert any(reading.value is not None for reading in status.readings.values())
+
+
+def test_a_drive_that_does_not_answer_is_called_offline_and_waited_for_no_longer() -> None:
+    async def scenario() -> float:
+        async with SimulatedDrives("c320") as bench:
+            began_at = bench.bus.now()
+            with pytest.raises(DrivebusError) as caught:
+                await _read_status(bench.drive(9))
+            assert caught.value.key == "bus.offline"
+            return bench.bus.now() - began_at
+
+    assert LATE_REPLY_WAIT_S < run_virtual(scenario()) < LATE_REPLY_WAIT_S + 2.0
+
+
+@pytest.mark.parametrize(("model", "name"), [("c320", "F0.1"), ("vc660", "F00.01")])
+@pytest.mark.parametrize(("delay_s", "address", "key"), [(LATE_S, 1, "bus.late_reply"), (0.0, 9, "bus.offline")])
+def test_a_read_without_reply_names_the_reason(model: str, name: str, delay_s: float, address: int, key: str) -> None:
+    """Its table had "no usable reply", without anything to check."""
+
+    async def scenario() -> DrivebusError | None:
+        async with SimulatedDrives(model) as bench:
+            impair_replies(bench, delay_s=delay_s)
+            drive = bench.drive(address)
+            await drive.read([name])
+            return (await _read_again(drive, [name]))[1]
+
+    error = run_virtual(scenario())
+    assert error is not None and error.key == key and error_hint(error)
+
+
+def test_a_read_that_is_answered_a_second_later_has_its_values_and_no_error() -> None:
+    async def scenario() -> tuple[dict[str, Reading], DrivebusError | None]:
+        async with SimulatedDrives("c320") as bench:
+            impair_replies(bench, lost=1)
+            drive = bench.drive()
+            assert (await drive.read(["F0.1"]))["F0.1"].value is None
+            return await _read_again(drive, ["F0.1"])
+
+    readings, error = run_virtual(scenario())
+    assert (readings["F0.1"].value, error) == (2, None)
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_command_read_prints_the_reason_and_the_remedy(language: str) -> None:
+    words = ["read", "sim://c320@1", "F0.1", "--model", "c320", "--address", "9", "--lang", language]
+    result = CliRunner().invoke(cli, words)
+    assert result.exit_code == ExitCode.FAILED
+    assert i18n.text("bus.offline", language, station=9) in result.stderr
+    assert i18n.text("hint.bus.offline", language) in result.stderr
