@@ -411,7 +411,36 @@ def test_stations_of_a_large_group_are_counted(scripts: Any) -> None:
     item = "{ id: `d${n}`, key: 'k', params: { station: n }, text: { en: `on station ${n}: refused`, zh: '' } }"
     call_of = f"m.mergeSentences(Array.from({{ length: 30 }}, (_, n) => ({item})))"
     (found,) = call(scripts, "control/merge-sentences", call_of)
-    assert found["text"] == "on station 0, 1, 2, 3, 4, 5, 6, 7 and 22 more: refused"
+    assert found["text"] == "on station 0 to 29: refused"
+
+
+def test_many_stations_without_consecutive_numbers_are_counted(scripts: Any) -> None:
+    """The number of the others is that of the drives, also where some of them are a range."""
+    scripts.evaluate("import('/static/js/i18n.js').then((m) => m.loadLanguage('en'))")
+    item = "{ id: `d${n}`, key: 'k', params: { station: n }, text: { en: `on station ${n}: refused`, zh: '' } }"
+    numbers = [*range(1, 18, 2), 20, 21, 22]
+    call_of = f"m.mergeSentences({numbers}.map((n) => ({item})))"
+    (found,) = call(scripts, "control/merge-sentences", call_of)
+    assert found["text"] == "on station 1, 3, 5, 7, 9, 11, 13, 15 and 4 more: refused"
+
+
+@pytest.mark.parametrize(
+    ("language", "expected"),
+    [("en", "on station 1 to 3 (Fan line), 1, 2 (Pump line): "), ("zh", "1 至 3（风机线路）、1、2（水泵线路）")],
+)
+def test_stations_of_several_buses_have_the_name_of_their_bus(
+    stage: Stage, visit: Any, language: str, expected: str
+) -> None:
+    """Regression: the stations 1 of two lines were one number, and no sentence had the name of a line."""
+    page = visit("#/fleet", language=language)
+    page.locator(".tile").nth(4).wait_for()
+    items = []
+    for drive in stage.service.plant.drives:
+        station = stage.view(drive)["address"]
+        text = {name: i18n.text("drives.start_inhibited", name, station=station) for name in ("en", "zh")}
+        items.append({"id": drive, "key": "k", "params": {"station": station}, "text": text})
+    (found,) = call(page, "control/merge-sentences", f"m.mergeSentences({json.dumps(items)})")
+    assert expected in found["text"]
 
 
 def test_stations_of_several_buses_are_named_once_each(scripts: Any) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from drivebus import i18n
-from fixtures.browser import Stage
+from fixtures.browser import Stage, wait_until_live
 from fixtures.browser_actions import DRAWN, expecting, trip
 
 FANS = ("fan-1", "fan-2", "fan-3")
@@ -43,6 +43,45 @@ def test_alarms_that_follow_each_other_closely_sound_one_after_the_other(visit: 
     marks = page.evaluate(STORM)
     tones = list(zip(marks[::2], marks[1::2], strict=True))
     assert all(end <= begin for (_, end), (begin, _) in itertools.pairwise(tones))
+
+
+TONES = """() => {
+  window.tones = 0;
+  const start = OscillatorNode.prototype.start;
+  OscillatorNode.prototype.start = function (...at) { window.tones += 1; return start.apply(this, at); };
+}"""
+HAS_SOUNDED = "() => window.tones > 0"
+
+
+def test_an_alarm_sounds_in_one_tab_of_the_browser_and_in_another_when_that_is_closed(stage: Stage, visit: Any) -> None:
+    """Regression: each of an operator's tabs sounded, at moments of its own."""
+    page = visit("#/settings", role="operator")
+    other = page.context.new_page()
+    other.goto(page.url)
+    wait_until_live(other)
+    for tab in (page, other):
+        tab.evaluate(TONES)
+        tab.click("h1")
+    trip(stage, "fan-1")
+    for tab in (page, other):
+        tab.wait_for_function("() => document.title.startsWith('(1) ')")
+    page.wait_for_function(HAS_SOUNDED)
+    other.evaluate(DRAWN)
+    assert other.evaluate("window.tones") == 0
+    page.close()
+    other.wait_for_function(HAS_SOUNDED)
+
+
+def test_an_alarm_sounds_in_a_browser_without_locks(stage: Stage, visit: Any) -> None:
+    """Without HTTPS a page of another computer has none."""
+    page = visit("#/settings", role="operator")
+    page.add_init_script("Object.defineProperty(navigator, 'locks', { value: undefined })")
+    page.reload()
+    wait_until_live(page)
+    page.evaluate(TONES)
+    page.click("h1")
+    trip(stage, "fan-1")
+    page.wait_for_function(HAS_SOUNDED)
 
 
 def test_a_group_of_alarms_stays_open_and_in_its_order_while_they_are_acknowledged(stage: Stage, visit: Any) -> None:

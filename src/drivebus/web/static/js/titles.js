@@ -27,10 +27,11 @@ const MAX_NAMES = 8;
 /** Titles of drives as a list; of many the first ones and the number of the others. */
 export const listDrives = (ids) => shortList(ids.map(driveTitle));
 
-/** Items as a list; of many the first ones and the number of the others. */
-export function shortList(items, most = MAX_NAMES) {
+/** Items as a list; of many the first ones and the number of the others, where `sizes` has how many drives each item names. */
+export function shortList(items, most = MAX_NAMES, sizes = items.map(() => 1)) {
   const names = items.slice(0, most).map(isolated).join(t("language.between_items"));
-  return items.length > most ? t("page.names_more", { names, n: items.length - most }) : names;
+  const n = sizes.slice(most).reduce((sum, size) => sum + size, 0);
+  return n > 0 ? t("page.names_more", { names, n }) : names;
 }
 
 /** Width of a letter in Latin letters. */

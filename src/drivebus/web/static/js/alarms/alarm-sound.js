@@ -1,7 +1,9 @@
-// Sound while a critical or high alarm waits for its acknowledgement. Each browser can silence it.
-import { effect, signal } from "../lib.js";
+// Sound while a critical or high alarm waits for its acknowledgement, in one tab of a browser. Each browser can silence it.
+import { computed, effect, signal } from "../lib.js";
 import { urgentAlarms } from "./alarm-list.js";
+import { isLive } from "../live.js";
 import { loadPreference, onPreferenceOfOtherTab, savePreference } from "../preferences.js";
+import { loggedIn } from "../session.js";
 import { nowMs } from "../store.js";
 
 const REPEAT_MS = 10_000;
@@ -9,6 +11,8 @@ const REPEAT_MS = 10_000;
 const MIN_INTERVAL_MS = 2000;
 const TONES_HZ = [880, 660];
 const TONE_S = 0.25;
+/** Held by the tab that sounds. */
+const LOCK = "drivebus.alarm-sound";
 
 const isChosen = () => loadPreference("sound", true) === true;
 
@@ -53,6 +57,27 @@ function playRepeatedly() {
   timer = setTimeout(playRepeatedly, wait_ms > 0 ? wait_ms : REPEAT_MS);
 }
 
+/** Whether this tab sounds; each one does where the browser has no locks, as without HTTPS. */
+const isSoundingTab = signal(!navigator.locks);
+
+/**
+ * Hold the lock while this tab could sound, so that one of several tabs does. A tab whose connection is lost leaves it to one
+ * that is waiting for it.
+ */
+function shareSound() {
+  if (!navigator.locks) return;
+  const canSound = computed(() => loggedIn.value && isSoundOn.value && isSoundPermitted.value);
+  effect(() => {
+    isLive.value;
+    if (!canSound.value) return undefined;
+    const waiting = new AbortController();
+    let release = () => waiting.abort();
+    const hold = () => new Promise((resolve) => { release = resolve; isSoundingTab.value = true; });
+    navigator.locks.request(LOCK, { signal: waiting.signal }, hold).catch(() => null); // ended before its turn
+    return () => { isSoundingTab.value = false; release(); };
+  });
+}
+
 /**
  * Sound for a new urgent alarm and every ten seconds until all are acknowledged or shelved. The choice of one tab holds in
  * every tab of the browser, as the button says.
@@ -61,8 +86,10 @@ export function startAlarmSound() {
   let known = new Set();
   onPreferenceOfOtherTab("sound", () => { isSoundOn.value = isChosen(); });
   for (const name of ["click", "keydown"]) addEventListener(name, () => { isSoundPermitted.value = hasBeenUsed(); });
+  shareSound();
   effect(() => {
-    const urgent = isSoundOn.value ? urgentAlarms() : [];
+    if (urgentAlarms().length > 0) isSoundPermitted.value = hasBeenUsed();
+    const urgent = isSoundOn.value && isSoundingTab.value ? urgentAlarms() : [];
     const isNew = urgent.some((alarm) => !known.has(alarm.id));
     known = new Set(urgent.map((alarm) => alarm.id));
     if (isNew) playRepeatedly();

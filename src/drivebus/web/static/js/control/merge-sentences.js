@@ -1,6 +1,7 @@
 // Equal sentences about several drives as one: the drives are named together, measured values become a range.
 import { localized, replaced, t } from "../i18n.js";
-import { listDrives, shortList } from "../titles.js";
+import { drive } from "../store.js";
+import { busTitle, listDrives, shortList } from "../titles.js";
 
 /** Parameters of a sentence that name the drive. */
 const DRIVE_PARAMETERS = ["drive", "station", "address"];
@@ -27,9 +28,36 @@ function mergedText(alike) {
   const found = DRIVE_PARAMETERS.find((name) => params?.[name] !== undefined && text.includes(String(params[name])));
   if (!found) return { text, isNamed: false };
   const isNamed = found === "drive";
-  const own = isNamed ? listDrives(alike.map(({ id }) => id)) : shortList([...new Set(alike.map((one) => one.params[found]))]);
+  const own = isNamed ? listDrives(alike.map(({ id }) => id)) : listStations(alike, found);
   return { text: replaced(text, String(params[found]), own), isNamed };
 }
+
+/** Stations of drives with the name of their bus: "1 to 30 (Line 1), 4 (Line 2)". `name` is the parameter with the station. */
+function listStations(alike, name) {
+  const buses = new Map();
+  for (const { id, params } of alike) {
+    const title = drive(id).value ? busTitle(drive(id).value.bus) : "";
+    buses.set(title, (buses.get(title) ?? new Set()).add(params[name]));
+  }
+  const texts = [...buses].map(([title, found]) => {
+    const stations = listRuns(runsOf([...found]));
+    return title ? t("page.stations_of_bus", { stations, bus: title }) : stations;
+  });
+  return shortList(texts, undefined, [...buses.values()].map(({ size }) => size));
+}
+
+/** Numbers as runs of consecutive ones. */
+function runsOf(stations) {
+  const runs = [];
+  for (const station of stations.sort((one, other) => one - other)) {
+    if (runs.at(-1)?.at(-1) === station - 1) runs.at(-1).push(station);
+    else runs.push([station]);
+  }
+  return runs.flatMap((run) => (run.length > 2 ? [run] : run.map((station) => [station])));
+}
+
+const listRuns = (runs) => shortList(runs.map((run) => (run.length > 1
+  ? t("page.value_range", { least: run[0], most: run.at(-1) }) : String(run[0]))), undefined, runs.map(({ length }) => length));
 
 /** The sentence of the first drive with the lowest and the highest of the measured values. */
 function withRange(sentence, alike, name) {
