@@ -30,8 +30,8 @@ from drivebus.cli.signals import ShutdownSignal
 from drivebus.cli.tui.service_source import ServiceRowSource
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import DriveState
-from drivebus.errors import ConfigurationError, OutcomeUnknown, Superseded
-from drivebus.service.api.errors import build_error_json
+from drivebus.errors import ConfigurationError, OutcomeUnknown, ProfileError, Superseded
+from drivebus.service.api.errors import build_error_json, error_to_json
 from drivebus.service.api.operations import API_PREFIX
 from drivebus.service.auth.actor import SERVICE_NAME
 from drivebus.service.auth.rights import Role
@@ -195,6 +195,20 @@ def test_what_the_service_does_not_know_of_a_communication_loss_is_null(kind: st
 
     drive = RemoteDrive(Client(), "fan-1", 1, None)  # type: ignore[arg-type]
     assert asyncio.run(drive.comm_loss_behaviour()).stops_on_comm_loss is stops
+
+
+def test_a_name_that_only_the_service_does_not_know_is_reported_as_by_a_drive_on_a_bus() -> None:
+    """The profile of the service may be another one than that of the command."""
+
+    class Client:
+        async def call(self, operation: str, params: Any) -> Any:
+            unknown = ProfileError("profiles.unknown_name", model="c320", found="F0.1")
+            return {"parameters": {}, "refused": {"F0.1": error_to_json(unknown)}}
+
+    drive = RemoteDrive(Client(), "fan-1", 1, None)  # type: ignore[arg-type]
+    with pytest.raises(ProfileError) as raised:
+        asyncio.run(drive.read(["F0.1"]))
+    assert raised.value.key == "profiles.unknown_name"
 
 
 def test_a_quick_stop_over_a_service_is_the_drives_own_fast_stop() -> None:

@@ -242,6 +242,24 @@ def test_parameters_are_read_with_their_wire_address_and_written_only_with_contr
     run(scenario())
 
 
+def test_a_name_that_the_model_lacks_is_refused_with_similar_names_and_the_others_are_read() -> None:
+    """Regression: a wrong name refused all of them, although the command ``read`` reads the others."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(5)
+            found = await kit.call("parameters.read", drive="fan-1", names=["F0.1", "output_frequncy", "F99.1"])
+            assert [*found["parameters"]] == ["F0.1"] and found["parameters"]["F0.1"]["value"] == 2
+            assert [*found["refused"]] == ["output_frequncy", "F99.1"]
+            error = found["refused"]["output_frequncy"]
+            assert (error["kind"], error["code"]) == ("ProfileError", "profiles.unknown_name_near")
+            assert "output_frequency" in error["text"]["en"] and "output_frequency" in error["text"]["zh"]
+            none = await kit.call("parameters.read", drive="fan-1", names=["nothing"])
+            assert none["parameters"] == {} and [*none["refused"]] == ["nothing"]
+
+    run(scenario())
+
+
 def test_the_identity_of_a_c320_is_read_and_a_model_without_one_is_refused() -> None:
     async def scenario() -> None:
         async with running_service() as kit:

@@ -6,7 +6,7 @@ Each protocol family declares its notation styles (``ProtocolFamily.notations``)
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from drivebus.errors import LimitError, ProfileError
 from drivebus.profiles.diagnostics import nearest_names
@@ -92,6 +92,20 @@ def find_entry(profile: DriveProfile, name: str) -> Signal | Parameter:
         raise _unknown_name_error(profile, name) from None
     listed = _find_listed(profile, locator) or _find_by_notation(profile, name)
     return listed or _unlisted_parameter(profile, name, locator)
+
+
+def find_entries(
+    profile: DriveProfile, names: Iterable[str]
+) -> tuple[dict[str, Signal | Parameter], dict[str, ProfileError]]:
+    """Return the entry of each known name, and the error that ``find_entry`` raises for each of the others."""
+    entries: dict[str, Signal | Parameter] = {}
+    unknown: dict[str, ProfileError] = {}
+    for name in names:
+        try:
+            entries[name] = find_entry(profile, name)
+        except ProfileError as error:
+            unknown[name] = error
+    return entries, unknown
 
 
 def _style(rule: NotationRule) -> NotationStyle:

@@ -17,12 +17,11 @@ from drivebus.cli.formatting import format_value, reading_json
 from drivebus.profiles.model import Parameter, Signal
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from drivebus.cli.dry_run import DryRun
     from drivebus.drives import Drive
     from drivebus.errors import DrivebusError, ProfileError
-    from drivebus.profiles.model import DriveProfile
     from drivebus.values import Reading
 
 
@@ -34,7 +33,9 @@ _COMMA_IN_A_NAME = re.compile(r"\b([A-Za-z]+[0-9]*)[,，]([0-9]+)\b")
 
 async def _read(target: Target, names: tuple[str, ...]) -> ExitCode:
     """Read the known names; return 2 if a name is unknown. Opens no port where none is known."""
-    entries, unknown = _find_entries(target.profile, names)
+    from drivebus.profiles.notation import find_entries
+
+    entries, unknown = find_entries(target.profile, names)
     rows: list[dict[str, Any]] = []
     silence: DrivebusError | None = None
     if entries:
@@ -45,10 +46,10 @@ async def _read(target: Target, names: tuple[str, ...]) -> ExitCode:
             now = bus.now()
         rows = [value_json(name, entries[name], readings[name], now) for name in entries]
     target_json = {"port": target.port, "model": target.model, "address": target.address}
-    output.print_json(target_json | {"values": rows, "refused": _refused_json(unknown)})
+    output.print_json(target_json | {"values": rows, "refused": _refused_json(unknown.values())})
     if entries:
         output.print_text(values_table(rows, entries))
-    for error in (*unknown, *([silence] if silence else ())):
+    for error in (*unknown.values(), *([silence] if silence else ())):
         print_error(error)
     if unknown:
         return ExitCode.USAGE
@@ -75,24 +76,7 @@ async def _read_again(drive: Drive, names: list[str]) -> tuple[dict[str, Reading
     return await drive.read(names), silence
 
 
-def _find_entries(
-    profile: DriveProfile, names: tuple[str, ...]
-) -> tuple[dict[str, Signal | Parameter], list[ProfileError]]:
-    """Return the entries of the known names and the errors of the others."""
-    from drivebus.errors import ProfileError
-    from drivebus.profiles.notation import find_entry
-
-    entries: dict[str, Signal | Parameter] = {}
-    unknown: list[ProfileError] = []
-    for name in names:
-        try:
-            entries[name] = find_entry(profile, name)
-        except ProfileError as error:
-            unknown.append(error)
-    return entries, unknown
-
-
-def _refused_json(unknown: list[ProfileError]) -> list[dict[str, Any]]:
+def _refused_json(unknown: Iterable[ProfileError]) -> list[dict[str, Any]]:
     return [error_json(error)["error"] for error in unknown]
 
 
@@ -143,14 +127,16 @@ def _reject_joined_names(ctx: click.Context, param: click.Parameter, names: tupl
 
 
 def _plan(dry: DryRun, names: tuple[str, ...]) -> ExitCode:
-    entries, unknown = _find_entries(dry.dialect.profile, names)
+    from drivebus.profiles.notation import find_entries
+
+    entries, unknown = find_entries(dry.dialect.profile, names)
     for entry in entries.values():
         if isinstance(entry, Parameter):
             dry.add("read", [dry.dialect.read_parameter(entry)])
         else:
             dry.add("signals", [request for request, _ in dry.dialect.polls((entry.name,))])
-    code = dry.print(*(["dry.note.sync"] if entries else ()), refused=_refused_json(unknown))
-    for error in unknown:
+    code = dry.print(*(["dry.note.sync"] if entries else ()), refused=_refused_json(unknown.values()))
+    for error in unknown.values():
         print_error(error)
     return ExitCode.USAGE if unknown else code
 

@@ -15,6 +15,7 @@ from drivebus.cli.remote.client import RemoteClient
 from drivebus.cli.remote.convert import parse_outcome, parse_reading, parse_status, reading_time
 from drivebus.cli.stop_errors import stop_errors
 from drivebus.errors import DrivebusError, NotFound, ServiceUnavailable, before_motion
+from drivebus.service.api.errors import error_from_json
 from drivebus.service.api.operations import Operation
 from drivebus.service.api.operations.comm_loss import COMM_LOSS_TEST
 from drivebus.service.api.operations.control import LEASE_RELEASE, LEASE_RENEW, LEASE_TAKE
@@ -106,6 +107,8 @@ class RemoteDrive:
 
     async def read(self, names: Iterable[str]) -> dict[str, Reading]:
         result = await self.call(PARAMETERS_READ, names=list(names))
+        for error in result.get("refused", {}).values():  # a service of an older version raises it
+            raise error_from_json(error)
         return {name: parse_reading(value) for name, value in result["parameters"].items()}
 
     async def comm_loss_behaviour(self) -> Any:

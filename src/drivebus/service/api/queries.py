@@ -6,6 +6,8 @@ from drivebus import profiles
 from drivebus.errors import CapabilityError, NotFound, ProfileError
 from drivebus.profiles.listing import list_models
 from drivebus.profiles.load import model_name
+from drivebus.profiles.notation import find_entries
+from drivebus.service.api.errors import error_to_json
 from drivebus.service.api.frames import frame_json
 from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations.audit import AUDIT_LIST, AUDIT_VERIFY
@@ -151,7 +153,12 @@ class Queries:
     @handles(PARAMETERS_READ)
     async def read_parameters(self, params: ParameterReadParams, actor: Actor) -> Json:
         drive = self.plant.drive_runtime(params.drive)
-        return {"parameters": readings_json(drive.profile, await drive.drive.read(params.names))}
+        entries, unknown = find_entries(drive.profile, params.names)
+        readings = await drive.drive.read(entries) if entries else {}
+        return {
+            "parameters": readings_json(drive.profile, readings),
+            "refused": {name: error_to_json(error) for name, error in unknown.items()},
+        }
 
     # --- history and audit trail ----------------------------------------------------------------------------------
 

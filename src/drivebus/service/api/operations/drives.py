@@ -180,9 +180,10 @@ class ReadingObject(ApiObject):
 
 
 class ParametersResponse(ApiObject):
-    """Readings of parameters by the names that were given."""
+    """Readings of parameters by the names that were given; in ``refused`` the error of each that the model lacks."""
 
     parameters: dict[str, ReadingObject]
+    refused: dict[str, ErrorObject]
 
 
 class IdentityResponse(ApiObject):
@@ -287,7 +288,11 @@ PARAMETERS_READ = Operation(
     path="/drives/{drive}/parameters/read",
     params=ParameterReadParams,
     response=ParametersResponse,
-    summary=Text("Read parameters over the bus", "通过总线读参数"),
+    summary=Text(
+        "Read parameters over the bus. A name that the model does not have is in `refused`, with its error and similar "
+        "names; the others are read",
+        "通过总线读参数。型号没有的名称列在 `refused` 中，附错误和相近的名称；其余照常读取",
+    ),
 )
 
 IDENTITY_READ = Operation(
