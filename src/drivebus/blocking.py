@@ -21,9 +21,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar
 
-from drivebus import drives
 from drivebus.bus import Bus as AsyncBus
 from drivebus.bus import BusStatistics, StationHealth
+from drivebus.drives import Drive as AsyncDrive
+from drivebus.drives import Monitor as AsyncMonitor
+from drivebus.drives import StopReport
+from drivebus.drives import stop_all_addresses as async_stop_all_addresses
+from drivebus.drives import stop_bus as async_stop_bus
 from drivebus.drives.context import DriveLimits, Preflight
 from drivebus.drives.dialects.base import Identity
 from drivebus.drives.jog_session import JogSession as AsyncJogSession
@@ -184,9 +188,9 @@ class JogSession:
 class Monitor:
     """Newest readings, polled in the background: ``with drive.monitor() as monitor: ... monitor.status()``."""
 
-    def __init__(self, bus: Bus, make: Callable[[], drives.Monitor]) -> None:
+    def __init__(self, bus: Bus, make: Callable[[], AsyncMonitor]) -> None:
         self._bus = bus
-        self._monitor: drives.Monitor = bus.call(make)
+        self._monitor: AsyncMonitor = bus.call(make)
 
     def status(self) -> DriveStatus:
         """Return the newest readings; old ones are marked bad, and an old state is UNKNOWN. Sends nothing."""
@@ -220,7 +224,7 @@ class Drive:
 
     def __init__(self, bus: Bus, profile: DriveProfile | str | Path, address: int, **options: Any) -> None:
         self._bus = bus
-        self.drive: drives.Drive = bus.call(lambda: drives.Drive(bus.bus, profile, address, **options))
+        self.drive: AsyncDrive = bus.call(lambda: AsyncDrive(bus.bus, profile, address, **options))
 
     def status(self, signals: Iterable[str] | None = None) -> DriveStatus:
         return self._bus.run(self.drive.status(signals))
@@ -395,11 +399,22 @@ class Drive:
         self._bus.call(self.drive.close)
 
 
-def stop_bus(bus: Bus, stopped: Sequence[Drive]) -> drives.StopReport:
+def stop_bus(bus: Bus, drives: Sequence[Drive]) -> StopReport:
     """Stop every drive on a bus; see ``drivebus.stop_bus``."""
-    return bus.run(drives.stop_bus(bus.bus, [drive.drive for drive in stopped]))
+    return bus.run(async_stop_bus(bus.bus, [each.drive for each in drives]))
 
 
-def stop_all_addresses(bus: Bus, looked_for: Sequence[Drive]) -> drives.StopReport:
-    """Stop a bus whose addresses are not known; see ``drivebus.stop_all_addresses``."""
-    return bus.run(drives.stop_all_addresses(bus.bus, [drive.drive for drive in looked_for]))
+def stop_all_addresses(
+    bus: Bus, drives: Sequence[Drive], on_progress: Callable[[Drive, float], None] | None = None
+) -> StopReport:
+    """Stop a bus whose addresses are not known; see ``drivebus.stop_all_addresses``.
+
+    ``on_progress`` is called on the bus's thread: be quick there, and call no drive.
+    """
+    by_async_drive = {each.drive: each for each in drives}
+
+    def report(drive: AsyncDrive, share: float) -> None:
+        if on_progress is not None:
+            on_progress(by_async_drive[drive], share)
+
+    return bus.run(async_stop_all_addresses(bus.bus, list(by_async_drive), report))

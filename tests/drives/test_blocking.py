@@ -41,8 +41,8 @@ def verbs(kind: type) -> set[str]:
 
 
 def arguments(method: Callable[..., Any]) -> list[tuple[str, Any, Any]]:
-    """Return the arguments of a method, how each may be passed, and its default."""
-    return [(one.name, one.kind, one.default) for one in inspect.signature(method).parameters.values()]
+    """Return the arguments of a method or function, how each may be passed, and its default."""
+    return [(each.name, each.kind, each.default) for each in inspect.signature(method).parameters.values()]
 
 
 @pytest.mark.parametrize(
@@ -54,6 +54,21 @@ def test_the_blocking_class_has_every_method_with_the_same_arguments(mirrored: t
         theirs, ours = getattr(mirrored, name), getattr(twin, name)
         if callable(theirs):
             assert arguments(ours) == arguments(theirs), name
+
+
+@pytest.mark.parametrize("name", ["open_bus", "stop_bus", "stop_all_addresses"])
+def test_a_blocking_function_has_the_same_arguments(name: str) -> None:
+    """``stop_bus(bus, drives=...)`` failed there, and a sweep had no ``on_progress``."""
+    assert arguments(getattr(blocking, name)) == arguments(getattr(drivebus, name))
+
+
+def test_the_progress_of_a_blocking_sweep_names_the_drives_of_the_caller() -> None:
+    reported: list[tuple[blocking.Drive, float]] = []
+    with blocking.open_bus("sim://vc660@2?baud=38400") as bus:
+        drives = [blocking.Drive(bus, "vc660", address) for address in (1, 2)]
+        report = blocking.stop_all_addresses(bus, drives, lambda drive, share: reported.append((drive, share)))
+    assert reported == [(drives[0], 0.5), (drives[1], 1.0)]
+    assert (report.absent, report.confirmed) == ((1,), 1)
 
 
 def test_the_blocking_bus_has_every_method_but_the_internal_ones() -> None:
