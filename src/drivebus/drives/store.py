@@ -52,9 +52,8 @@ class MemoryStore:
 class FileStore:
     """Store in a file; ``put`` and ``update`` return when the value would survive a power cut.
 
-    Only its owner can read and write it. Several programs may use one file: each change reads it again under a lock.
-    Raises ConfigurationError where the file has another format, or can't be read or written: counters never start again
-    from nothing.
+    Its owner alone has access; programs that share it read it again under a lock for each change. Raises
+    ConfigurationError where it has another format, or can't be read or written: counters never start again from 0.
     """
 
     def __init__(self, path: Path | str) -> None:

@@ -1,7 +1,8 @@
 """Schema of a profile file: strict pydantic models without unknown keys; checks of several keys are in ``check``.
 
-A file is TOML with ``format = 1``. Whatever a user may override has a key of its own (signals by name, parameters and
-preconditions by notation, faults by code, caveats by id), so that ``extends`` is a plain merge.
+A file is TOML with ``format = 1``; docs/reference/profiles.md describes its keys. Each entry that a user may override
+has a key of its own (signals by name, parameters and preconditions by notation, faults by code, caveats by id), so that
+``extends`` is a plain merge.
 """
 
 from __future__ import annotations

@@ -78,7 +78,7 @@ def make_app(client: ServiceClient, auth: AuthService, web: WebConfig) -> FastAP
         await end_watch.close()
         await denials.close()
 
-    table = RouteTable(route for router in routers() for route in router.routes)
+    table = RouteTable(declared_routes())
     app = _WebApp(
         routes=[route for router in routers() for route in router.fastapi.routes],
         docs_url=None,

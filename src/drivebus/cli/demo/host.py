@@ -254,7 +254,7 @@ async def _write_history(config: PlantConfig) -> None:
                 profile = profile_of(setting)
                 generator = HistoryGenerator(bus, drive, profile, start_ms, HISTORY_SEED)
                 samples = list(generator.samples())
-                historian.append(samples)
+                await historian.import_samples(samples)
                 for number, event in enumerate(generator.events):
                     historian.put_event(_event_json(event, number, setting.title, profile))
                 alarms += past_alarms(setting, profile, generator.events, USER)

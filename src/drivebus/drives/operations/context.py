@@ -431,11 +431,13 @@ class OperationContext:
         outcome = self.outcome(OutcomeStatus.REFUSED, rejection.key, code=rejection.code, **params)
         return outcome if rejection.remedy_key is None else with_note(outcome, rejection.remedy_key)
 
-    def unverifiable_outcome(self, acknowledged: str, unknown: str, *, answered: bool, **params: Any) -> Outcome:
+    def unverifiable_outcome(
+        self, acknowledged_key: str, unknown_key: str, *, answered: bool, **params: Any
+    ) -> Outcome:
         """Return the outcome of an effect that no read can show: acknowledged if the drive answered, else unknown."""
         if answered:
-            return self.outcome(OutcomeStatus.ACKNOWLEDGED, acknowledged, **params)
-        return self.outcome(OutcomeStatus.UNKNOWN, unknown, **params)
+            return self.outcome(OutcomeStatus.ACKNOWLEDGED, acknowledged_key, **params)
+        return self.outcome(OutcomeStatus.UNKNOWN, unknown_key, **params)
 
 
 def with_note(outcome: Outcome, key: str, /, **params: Any) -> Outcome:

@@ -51,7 +51,7 @@ OVERSPEED_HZ = 3.0  # least excess, which counts at low frequencies
 SPEED_UNKNOWN_NOTES = ("drives.setpoint_not_shown", "drives.start_interrupted")  # left out once the speed is confirmed
 WITHHELD_ERRORS = (StartInhibited, Expired, Superseded)  # errors of a frame that was not sent
 _SPEEDING_STATES = (DriveState.RUNNING, DriveState.ACCELERATING)
-MAX_RESENDS = 2  # an unanswered start or reset is resent so often, while it has not expired
+MAX_RESENDS = 2  # times that an unanswered start or reset is resent, while it has not expired
 
 
 def run(

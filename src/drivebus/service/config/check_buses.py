@@ -41,6 +41,7 @@ _UNOPENED_SCHEMES = ("memory", "replay")
 
 
 def bus_issues(parsed: ParsedPlant) -> Iterator[Issue]:
+    """Yield invalid port URLs and formats, and ports that two buses share; fill in ``parsed.port_urls``."""
     bus_by_device: dict[tuple[str, ...], str] = {}
     for id, bus in parsed.file.bus.items():
         path = ("bus", id, "port")
@@ -93,15 +94,17 @@ def device_of(url: PortUrl) -> tuple[str, ...]:
 
 
 def drive_issues(parsed: ParsedPlant) -> Iterator[Issue | Diagnostic]:
-    taken: dict[tuple[str, int], str] = {}
+    """Yield the issues of each drive by itself and equal addresses on a bus; fill in ``parsed.dialects``."""
+    drive_by_station: dict[tuple[str, int], str] = {}
     for id, drive in parsed.file.drive.items():
         path = ("drive", id)
         if drive.bus not in parsed.known_ids("bus"):
             yield issue("unknown_bus", (*path, "bus"), drive.bus, **suggestions(drive.bus, parsed.known_ids("bus")))
-        where = (drive.bus, drive.address)
-        if where in taken:
-            yield issue("same_address", (*path, "address"), drive.address, other=taken[where], bus=drive.bus)
-        taken.setdefault(where, id)
+        station = (drive.bus, drive.address)
+        if station in drive_by_station:
+            other = drive_by_station[station]
+            yield issue("same_address", (*path, "address"), drive.address, other=other, bus=drive.bus)
+        drive_by_station.setdefault(station, id)
         if id in parsed.unread_models:
             yield issue("model_outside", ("drive", id, "model"), drive.model, folder=str(parsed.base))
         elif id in parsed.profile_errors:
@@ -216,6 +219,7 @@ def _check_interval(path: KeyPath, interval_s: float | None, most_s: float) -> I
 
 
 def bus_load_issues(parsed: ParsedPlant) -> Iterator[Issue]:
+    """Yield drives and serial settings that do not fit one bus, and buses that can't carry their polls."""
     for bus in parsed.file.bus:
         drives = [(id, table) for id, table in parsed.drive_tables_of(bus) if id in parsed.profiles]
         faults = list(_check_families(parsed, drives)) or list(_check_serial_settings(parsed, bus, drives))

@@ -30,6 +30,7 @@ from drivebus.values import Text, bilingual_text
 
 
 def rule_issues(parsed: ParsedPlant) -> Iterator[Issue]:
+    """Yield the issues of groups, interlocks and alarms."""
     for id, group in parsed.file.group.items():
         yield from check_drive_names(parsed, group.drives, ("group", id, "drives"))
         yield from _check_group(id, group)
@@ -65,6 +66,7 @@ def _check_group(id: str, group: GroupTable) -> Iterator[Issue]:
 
 
 def interlock_issues(parsed: ParsedPlant) -> Iterator[Issue]:
+    """Yield faults of the expressions, comparisons that make no sense, and drives that wait for each other."""
     expressions: dict[str, Expression] = {}
     for id, interlock in parsed.file.interlock.items():
         path = ("interlock", id, "require")
@@ -203,6 +205,7 @@ _SIGNAL_KINDS = (*_THRESHOLD_KINDS, "stale")
 
 
 def alarm_issues(parsed: ParsedPlant) -> Iterator[Issue]:
+    """Yield missing and unused keys, signals that are not polled, and thresholds that can't be crossed."""
     for id, alarm in parsed.file.alarm.items():
         path = ("alarm", id)
         yield from _check_keys(alarm, path)

@@ -121,10 +121,9 @@ class StopCommands(PlantListener):
     async def stop_started_drives(self) -> Json:
         """Stop what this service started or adopted, unless the drive's ``on_service_stop`` is ``hold``.
 
-        A drive that has not been read yet is stopped as soon as its first read shows it running, and a stop that is
-        under way is waited for. Return the outcome of each stop of the service; for each stop that is not confirmed
-        within the timeout ``DECELERATING`` where the drive reports that, else None; any other drive that may be running
-        becomes an event.
+        A drive that has not been read yet is stopped as soon as its first read shows it running; any other drive that
+        may be running becomes an event. Return the outcome of each stop, also of one that was under way; of a stop that
+        is not confirmed within the timeout ``DECELERATING`` where the drive reports that, else None.
         """
         plant, actor = self.plant, self.service_actor
         timeout_at = plant.now() + SERVICE_STOP_TIMEOUT_S

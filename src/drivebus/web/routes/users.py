@@ -46,7 +46,7 @@ async def add_user(request: Request, params: NewUserParams) -> Json:
 
     async def add() -> User:
         if params.role is Role.ADMINISTRATOR:
-            await _confirm(request, params.own_password)
+            await _verify_own_password(request, params.own_password)
         user = await context.auth.new_user(params.name, params.role, params.password)
         await context.auth.change_database(lambda database: database.with_user(user))
         return user
@@ -65,7 +65,7 @@ async def change_user(request: Request, params: UserChangeParams) -> Json:
         role = params.role or context.auth.database.user(params.user).role
         strengthens = params.role is not None or params.password is not None or params.disabled is False
         if role is Role.ADMINISTRATOR and strengthens and normalized_name(params.user) != _user_name(request):
-            await _confirm(request, params.own_password)
+            await _verify_own_password(request, params.own_password)
         return await _change_user(context.auth, params, _user_name(request))
 
     changed = await context.record_change(USER_CHANGE, params.user, recorded, actor_of(request), change())
@@ -146,8 +146,8 @@ async def _change_user(auth: AuthService, params: UserChangeParams, own_name: st
     return changed
 
 
-async def _confirm(request: Request, own_password: str | None) -> None:
-    """Check the password of the one who changes an administrator.
+async def _verify_own_password(request: Request, own_password: str | None) -> None:
+    """Check the password of the user who makes the request: it changes an administrator.
 
     Raises AccessDenied for a wrong one and for a token, InvalidInput for none, TooManyAttempts, AuthUnavailable.
     """
