@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-import signal
 import sys
-
-from drivebus.cli.extras import require_extra
-from drivebus.cli.output_settings import output_settings
-from drivebus.errors import ConfigurationError
-from drivebus.i18n import text
-from drivebus.terminal import open_missing_streams
+from collections.abc import Callable
 
 
 def main() -> None:
@@ -17,22 +11,39 @@ def main() -> None:
 
     Ctrl-C while it is loaded ends it as later, and says that nothing was sent.
     """
-    open_missing_streams()
-    language = output_settings(sys.argv[1:]).language
     try:
-        require_extra("cli")
-    except ConfigurationError as error:
-        print(error.text(language), file=sys.stderr)
-        sys.exit(2)
-    try:
-        from drivebus.cli.main import main
+        command_line = _load()
     except (KeyboardInterrupt, RuntimeError) as error:
         if not isinstance(error.__cause__ or error, KeyboardInterrupt):  # Python 3.11 wraps that of a class body
             raise
-        print(f"\n{text('cli.interrupted_early', language)}", file=sys.stderr)
+        import signal
+
+        from drivebus.cli.output_settings import output_settings
+        from drivebus.i18n import text
+
+        print(f"\n{text('cli.interrupted_early', output_settings(sys.argv[1:]).language)}", file=sys.stderr)
         sys.exit(128 + signal.SIGINT)
 
-    main()
+    command_line()
+
+
+def _load() -> Callable[[], None]:
+    """Import the command line: a second in which Ctrl-C may come."""
+    from drivebus.cli.extras import require_extra
+    from drivebus.errors import ConfigurationError
+    from drivebus.terminal import open_missing_streams
+
+    open_missing_streams()
+    try:
+        require_extra("cli")
+    except ConfigurationError as error:
+        from drivebus.cli.output_settings import output_settings
+
+        print(error.text(output_settings(sys.argv[1:]).language), file=sys.stderr)
+        sys.exit(2)
+    from drivebus.cli.main import main
+
+    return main
 
 
 if __name__ == "__main__":

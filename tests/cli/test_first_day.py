@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import logging.handlers
+import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -203,6 +204,27 @@ def test_ctrl_c_while_the_command_line_is_loaded_ends_it_without_a_traceback(
         start_command_line()
     assert ended.value.code == ExitCode.INTERRUPTED
     assert "nothing was sent, no stop either" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("module", ["drivebus.cli.extras", "drivebus.errors", "drivebus.terminal", "drivebus.cli.main"])
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_ctrl_c_in_the_first_moment_of_a_command_ends_it_without_a_traceback(module: str, language: str) -> None:
+    """In the first tenth of a second, and in a whole one on a busy computer, it did."""
+    program = f"""
+import sys
+class Interrupting:
+    def find_spec(self, name, *_):
+        if name == {module!r}:
+            sys.meta_path.remove(self)
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupting())
+sys.argv[1:] = ["stop", "--lang", {language!r}]
+from drivebus.__main__ import main
+main()
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout) == (ExitCode.INTERRUPTED, "")
+    assert ended.stderr.strip() == i18n.text("cli.interrupted_early", language)
 
 
 def test_an_error_while_the_command_line_is_loaded_is_not_reported_as_ctrl_c(monkeypatch: pytest.MonkeyPatch) -> None:

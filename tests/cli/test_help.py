@@ -15,9 +15,10 @@ from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
 from drivebus import i18n, profiles
-from drivebus.cli.click_ext import CliCommand, LazyGroup
+from drivebus.cli.click_ext import CliCommand, LazyGroup, Option
 from drivebus.cli.main import cli
 from drivebus.cli.output import width
+from drivebus.ports import parse_port_url
 from drivebus.profiles import DriveProfile
 
 
@@ -235,3 +236,31 @@ def test_the_models_that_a_help_names_are_all_that_have_it_or_called_examples(
     named &= set(profiles.models())
     assert named and named <= having
     assert named == having or re.search("such as|例如", sentence)
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize(("path", "command"), TREE, ids=IDS)
+def test_only_a_command_with_a_port_takes_a_default_from_it(
+    path: tuple[str, ...], command: click.Command, language: str
+) -> None:
+    """``simulate`` makes its port itself; its help had the baud rate of ``the PORT`` as the default."""
+    has_port = any("PORT" in (param.metavar or "") for param in command.params if isinstance(param, click.Argument))
+    texts = {i18n.text(f"help.option.{name}", language) for name in ("baud", "format")}
+    shown = {option.help_text() for option in command.params if isinstance(option, Option)}
+    assert has_port or not texts & shown
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_service_without_a_drive_is_answered_with_where_its_drives_are_listed(language: str) -> None:
+    words = ["status", "--service", "http://127.0.0.1:1", "--lang", language]
+    result = CliRunner().invoke(cli, words)
+    assert i18n.text("hint.service.no_drive", language) in result.stderr
+    assert "drivebus monitor --service" in result.stderr
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_damaged_reply_is_answered_with_the_setting_for_an_adapter_that_echoes(language: str) -> None:
+    """A VC660 behind one was answered with its wiring, and nothing named ``echo=on``, which makes it answer."""
+    url = re.search(r"serial:///[^)）\s]+", i18n.text("hint.damaged_reply", language))
+    assert url is not None
+    assert parse_port_url(url[0]).options == {"echo": "on"}

@@ -52,12 +52,12 @@ def source_argument() -> click.Argument:
     return Argument(["source"], metavar="PORT|FILE", shell_complete=complete_ports)
 
 
-def serial_options() -> list[click.Parameter]:
-    """Return ``--baud`` and ``--format``."""
-    bauds = NumberType(50, 4_000_000)
+def serial_options(key_prefix: str = "help.option") -> list[click.Parameter]:
+    """Return ``--baud`` and ``--format``; ``key_prefix`` of their help texts."""
+    baud = CheckedType(NumberType(50, 4_000_000), "cli.expect.baud")
     return [
-        Option(["--baud"], type=CheckedType(bauds, "cli.expect.baud"), metavar="BAUD", example="--baud 19200"),
-        Option(["--format"], type=FORMAT, metavar="FORMAT", example="--format 8E1"),
+        Option(["--baud"], type=baud, metavar="BAUD", key=f"{key_prefix}.baud", example="--baud 19200"),
+        Option(["--format"], type=FORMAT, metavar="FORMAT", key=f"{key_prefix}.format", example="--format 8E1"),
     ]
 
 
@@ -90,8 +90,8 @@ def drive_options() -> list[click.Parameter]:
     ]
 
 
-def profile_option() -> click.Option:
-    """Return ``--option``: a value of a profile option."""
+def profile_option(key: str = "help.option.option") -> click.Option:
+    """Return ``--option``: a value of a profile option; ``key`` of its help text."""
     example = "--option setpoint_coding=hex-0.1"
     return Option(
         ["--option"],
@@ -99,6 +99,7 @@ def profile_option() -> click.Option:
         type=ASSIGNMENT,
         callback=reject_second_value,
         metavar="NAME=VALUE",
+        key=key,
         example=example,
     )
 
