@@ -122,3 +122,15 @@ def test_running_until_a_time_leaves_later_timers_and_ends_at_that_time() -> Non
         loop.call_at(when, lambda: times.append(loop.time()))
     loop.run_until(2.0)
     assert (times, loop.time(), loop.next_at()) == ([1.0, 2.0], 2.0, 2.5)
+
+
+def test_a_future_that_a_timer_resolves_ends_the_run_at_its_time_though_other_timers_go_on() -> None:
+    loop = VirtualLoop(max_s=10.0)
+    future = loop.create_future()
+
+    def go_on() -> None:
+        loop.call_later(0.5, go_on)
+
+    go_on()
+    loop.call_at(2.2, future.set_result, "reply")
+    assert (loop.run_until_complete(future), loop.time()) == ("reply", 2.2)

@@ -167,6 +167,7 @@ class VirtualLoop(_EventLoop):
         """Run a coroutine or future to its end. Raises Deadlock where it waits for something that can't come."""
         with running(self), self._track_generators():
             task = asyncio.ensure_future(future, loop=self)  # type: ignore[call-overload]
+            task.add_done_callback(_make_ready)
             while not task.done():
                 if not self._step(self._end):
                     raise Deadlock(f"at {self._now:.6f} s: {self._describe_waiting()}")
@@ -197,32 +198,32 @@ class VirtualLoop(_EventLoop):
         """
         end = self._now + seconds
         late = [entry for entry in self._heap if not goes_on(entry[2])]
-        self._heap = [entry for entry in self._heap if goes_on(entry[2])]
+        self._heap[:] = [entry for entry in self._heap if goes_on(entry[2])]
         heapify(self._heap)
         self.run_until(end)
         for when, number, timer in late:
             heappush(self._heap, (when + seconds if stands_still(timer) else when, number, timer))
 
     def _step(self, until: float) -> bool:
-        """Run all that is ready, or what the next timer brings; False where there is neither by ``until``."""
-        ready, heap, now = self._ready, self._heap, self._now
-        if not ready:
-            callback = None
-            while callback is None:  # timers that were cancelled bring nothing
-                if not heap or heap[0][0] > until:
-                    return False
-                when, _, timer = heappop(heap)
-                callback = timer.callback
-            if when > now:
-                self._now = now = when
-            if not heap or heap[0][0] > now:  # nearly always: a queue would take longer
-                try:
-                    callback(*timer.args)
-                except Exception as error:
-                    self._report(callback, error)
-                return True
-            ready.append(timer)
-        while heap and heap[0][0] <= now:
+        """Run all that is ready, or timers until something is ready; False where there is neither by ``until``."""
+        ready, heap = self._ready, self._heap
+        while not ready:
+            if not heap or heap[0][0] > until:
+                return False
+            when, _, timer = heappop(heap)
+            callback = timer.callback
+            if callback is None:  # cancelled
+                continue
+            if when > self._now:
+                self._now = when
+            if heap and heap[0][0] <= self._now:
+                ready.append(timer)
+                break
+            try:
+                callback(*timer.args)
+            except Exception as error:
+                self._report(callback, error)
+        while heap and heap[0][0] <= self._now:
             ready.append(heappop(heap)[2])
         for _ in range(len(ready)):
             timer = ready.popleft()
@@ -269,6 +270,10 @@ class running:
 
     def __exit__(self, *_: object) -> None:
         events._set_running_loop(self._outer)
+
+
+def _make_ready(_: object) -> None:
+    """Make the loop check whether its future is done: a callback is ready then."""
 
 
 def run(coroutine: Coroutine[Any, Any, T], *, start: float = 0.0, max_s: float = MAX_VIRTUAL_S) -> T:
