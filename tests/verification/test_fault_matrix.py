@@ -134,7 +134,7 @@ def confirmed_at_once(op: Any, *_: Any, **__: Any) -> Any:
 
 def hunts(self: Transaction) -> bool:
     """Search for a reply anywhere in the received bytes."""
-    del self.buffer[:1]
+    self.buffer = self.buffer[1:]
     self.received_count -= 1
     self.bytes_needed = 1
     return bool(self.buffer)
