@@ -37,8 +37,10 @@ from drivebus.drives.operations.loopback import LoopbackReport
 from drivebus.drives.operations.status import CommLossReport
 from drivebus.drives.outcome import FrameExchange, Outcome
 from drivebus.drives.state import Direction, DriveStatus
+from drivebus.drives.store import Store
 from drivebus.errors import Superseded
 from drivebus.profiles.model import DriveProfile
+from drivebus.serial_settings import StationTiming
 from drivebus.values import Reading
 
 __all__ = ["Bus", "Drive", "JogSession", "Monitor", "open_bus", "stop_all_addresses", "stop_bus"]
@@ -222,9 +224,39 @@ class Monitor:
 class Drive:
     """Drive with the methods of ``drivebus.Drive``: same results, same errors, each returns when it is done."""
 
-    def __init__(self, bus: Bus, profile: DriveProfile | str | Path, address: int, **options: Any) -> None:
+    def __init__(
+        self,
+        bus: Bus,
+        profile: DriveProfile | str | Path,
+        address: int,
+        *,
+        encoding: str | None = None,
+        limits: DriveLimits | None = None,
+        options: Mapping[str, Any] | None = None,
+        store: Store | None = None,
+        timing: StationTiming | None = None,
+        nonce_start: int | None = None,
+        on_repeated_stop: Callable[[Outcome], None] = lambda outcome: None,
+    ) -> None:
+        """Register the drive on the bus, as ``drivebus.Drive`` does. Raises ProfileError, ConfigurationError.
+
+        ``on_repeated_stop`` is called on the bus's thread: be quick there, and call no drive.
+        """
         self._bus = bus
-        self.drive: AsyncDrive = bus.call(lambda: AsyncDrive(bus.bus, profile, address, **options))
+        self.drive: AsyncDrive = bus.call(
+            lambda: AsyncDrive(
+                bus.bus,
+                profile,
+                address,
+                encoding=encoding,
+                limits=limits,
+                options=options,
+                store=store,
+                timing=timing,
+                nonce_start=nonce_start,
+                on_repeated_stop=on_repeated_stop,
+            )
+        )
 
     def status(self, signals: Iterable[str] | None = None) -> DriveStatus:
         return self._bus.run(self.drive.status(signals))
