@@ -199,8 +199,9 @@ def pad(string: str, cells: int) -> str:
 
 
 def wrap(string: str, cells: int) -> list[str]:
-    """Break into lines of at most ``cells``; Chinese breaks anywhere but in a URL, next to brackets and before
-    punctuation.
+    """Break into lines of at most ``cells``.
+
+    Chinese breaks anywhere but in a URL, next to brackets and before punctuation.
     """
     lines: list[str] = []
     line = ""

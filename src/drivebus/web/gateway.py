@@ -35,7 +35,7 @@ class WebConfig:
     trusted_proxies: tuple[str, ...] = ()
     """Addresses or networks of reverse proxies whose ``X-Forwarded-For`` names the client."""
     login_notice: Text | None = None
-    """Text of the login page and of the form that unlocks an idle session; everybody on the network can read it."""
+    """Text of the login page and of the form that unlocks an idle session; every client on the network can read it."""
 
 
 _DEFAULTS = WebConfig()

@@ -42,8 +42,7 @@ def _init(
 
     Ctrl-C during a scan or its questions prints the file with what was found so far instead of writing it.
     """
-    from drivebus.service.config.load import loads
-    from drivebus.service.config.wizard import plant_toml, read_answers
+    from drivebus.service.config.wizard import read_answers
 
     if file != "-":
         with file_errors(file):
@@ -62,9 +61,18 @@ def _init(
     else:
         code = ExitCode.DONE
         found = read_answers(answers) if answers is not None else _ask_answers(ports)
+    _write_plant(found, file, force=force, is_interrupted=code is ExitCode.INTERRUPTED)
+    return code
+
+
+def _write_plant(found: PlantAnswers, file: str, *, force: bool, is_interrupted: bool) -> None:
+    """Write the plant file and report its drives; print it for the file ``-`` or after an interruption."""
+    from drivebus.service.config.load import loads
+    from drivebus.service.config.wizard import plant_toml
+
     text = plant_toml(found, output.language())
     config = loads(text, file, Path(file).resolve().parent)
-    is_written = file != "-" and code is not ExitCode.INTERRUPTED
+    is_written = file != "-" and not is_interrupted
     if is_written:
         with file_errors(file):
             write_or_print(file, text, replace=force)
@@ -83,7 +91,6 @@ def _init(
     )
     if is_written:
         output.print_message("plant_init.written", file=file, drives=len(config.drives), buses=len(config.buses))
-    return code
 
 
 def _undecided_json(answers: PlantAnswers) -> list[Json]:

@@ -62,8 +62,9 @@ def _lack_replies(readings: Mapping[str, Reading]) -> bool:
 
 
 async def _read_again(drive: Drive, names: list[str]) -> tuple[dict[str, Reading], DrivebusError | None]:
-    """Read once more after ``LATE_REPLY_WAIT_S``; return the readings, and why the drive does not answer where it does
-    not.
+    """Read once more after ``LATE_REPLY_WAIT_S``.
+
+    Return the readings, and why the drive does not answer where it does not.
     """
     from drivebus.errors import DrivebusError
 

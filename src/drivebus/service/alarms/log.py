@@ -53,8 +53,9 @@ class AlarmLog:
         return 1 + max((alarm_number(id) for id in self._alarms), default=0)
 
     def load(self) -> list[Alarm]:
-        """Read the file and return the alarms that are still active. An unreadable file counts as empty, because
-        control of drives does not depend on it; it is put aside.
+        """Read the file and return the alarms that are still active.
+
+        An unreadable file counts as empty, because control of drives does not depend on it; it is put aside.
         """
         try:
             data = self._journal.path.read_bytes()
@@ -97,8 +98,9 @@ class AlarmLog:
     def history(
         self, *, from_ms: int, to_ms: int, drive: str | None = None, cursor: str | None = None, limit: int = 100
     ) -> Json:
-        """Return a page of the alarms raised in ``from_ms <= time < to_ms``, newest first. Raises InvalidParameters
-        for an unknown cursor.
+        """Return a page of the alarms raised in ``from_ms <= time < to_ms``, newest first.
+
+        Raises InvalidParameters for an unknown cursor.
         """
         newest_first = sorted(self._alarms.values(), key=lambda alarm: -alarm_number(alarm.id))
         wanted = (a for a in newest_first if from_ms <= a.raised_ms < to_ms and drive in (None, a.drive))

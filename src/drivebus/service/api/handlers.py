@@ -26,8 +26,9 @@ def handles(operation: Operation) -> Callable[[Handler], Handler]:
 
 
 def bound_handlers(objects: Iterable[object]) -> dict[str, Callable[..., Awaitable[Any]]]:
-    """Return the handlers that ``objects`` have, by the names of their operations: methods, bound to their object, and
-    functions of modules.
+    """Return the handlers that ``objects`` have, by the names of their operations.
+
+    They are methods, bound to their object, and functions of modules.
     """
     names = {handler: name for name, handler in HANDLERS.items()}
     return {

@@ -194,8 +194,9 @@ class AuditChain:
         return entries
 
     def _load_last_checkpoint(self) -> int:
-        """Continue after the last checkpoint, or after the head if it is newer, so that ``verify`` reports the gap for
-        good. Return the number of the last checkpoint in its file; 0: there is none.
+        """Continue after the last checkpoint, or after a newer head, so that ``verify`` reports the gap for good.
+
+        Return the number of the last checkpoint in its file; 0: there is none.
         """
         line, head_line = self._last_checkpoint_line(), self._head_line()
         last = records.decode_checkpoint(line, None)

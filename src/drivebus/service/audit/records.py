@@ -198,8 +198,9 @@ def encode_checkpoint(number: int, last: tuple[int, str], prev: str, time_ms: in
 
 
 def decode_checkpoint(line: bytes, key: bytes | None) -> AuditCheckpoint | None:
-    """Return the checkpoint of a line; None if its form or its MAC under ``key`` is wrong. Without ``key`` only the
-    form is checked.
+    """Return the checkpoint of a line; None if its form or its MAC under ``key`` is wrong.
+
+    Without ``key`` only the form is checked.
     """
     members = _verify_digest(line, "mac", None if key is None else _mac(key))
     if members is None:

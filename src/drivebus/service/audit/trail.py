@@ -93,8 +93,10 @@ class AuditTrail:
         await self.checkpoint()
 
     async def record(self, entry: AuditEntry) -> int:
-        """Write a record durably and return its number. Raises AuditUnavailable; the caller then uses
-        ``record_nowait`` for the refusal, so that the disk is tried again.
+        """Write a record durably and return its number.
+
+        Raises AuditUnavailable; the caller then uses ``record_nowait`` for the refusal, so that the disk is tried
+        again.
         """
         return await self._writer.write(entry_json(entry, self._now_ms()))
 
@@ -105,8 +107,9 @@ class AuditTrail:
     async def query(
         self, *, from_ms: int, to_ms: int, drive: str | None = None, cursor: str | None = None, limit: int = 100
     ) -> Json:
-        """Return ``{"items", "next"}``, newest first. Raises InvalidParameters for an unknown cursor, OSError, and
-        ServiceUnavailable where too many are waiting.
+        """Return ``{"items", "next"}``, newest first.
+
+        Raises InvalidParameters for an unknown cursor, OSError, and ServiceUnavailable where too many are waiting.
         """
 
         # On a thread other than the writer's, so that reading never delays a record; on one at a time, because several
@@ -117,10 +120,10 @@ class AuditTrail:
         return await self._queries.run(lambda: run_to_end_in_thread(read))
 
     async def verify(self) -> Json:
-        """Verify the files and return the report. Raises AuditUnavailable if they cannot be read, ServiceUnavailable
-        where too many are waiting.
+        """Verify the files and return the report.
 
-        A separate process reads them, one at a time, so that a long trail and many requests delay no bus.
+        Raises AuditUnavailable if they cannot be read, ServiceUnavailable where too many are waiting. A separate
+        process reads them, one at a time, so that a long trail and many requests delay no bus.
         """
         return await self._verifications.run(self._verify_in_process)
 

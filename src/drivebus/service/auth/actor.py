@@ -27,7 +27,7 @@ class Actor:
     """Address of the client, for the audit trail."""
 
     def may(self, required: RequiredAccess) -> bool:
-        """Return whether the actor has the right; an access level is no right of anybody."""
+        """Return whether the actor has the right; no actor has an access level as a right."""
         return required in self.rights
 
     def is_same_session(self, other: Actor) -> bool:
@@ -58,7 +58,7 @@ class Actor:
 def local_user() -> str:
     """Return the name of the person at this machine's command line: who called sudo, else the user of the process.
 
-    ``sudo -u drivebus`` would record everybody under the name that stands for the service itself.
+    ``sudo -u drivebus`` would record all users under the name that stands for the service itself.
     """
     name = os.environ.get("SUDO_USER") or getpass.getuser()
     return f"{name}/command-line" if name == SERVICE_NAME else name

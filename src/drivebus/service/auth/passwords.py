@@ -21,9 +21,10 @@ _MAX_WAITING_HASHES = 8
 
 
 class PasswordHashing:
-    """Hashing and verification on two threads, one for passwords from browsers and sessions that are known, so that a
-    flood from unknown browsers never makes these wait. ``hasher`` None: 64 MiB, 3 passes, one lane (RFC 9106, second
-    recommended option), about 0.1 s.
+    """Hashing and verification of passwords on two threads.
+
+    One thread serves browsers and sessions that are known, so that a flood from unknown browsers never makes them wait.
+    ``hasher`` None: argon2id with 64 MiB, 3 passes, one lane (RFC 9106, second recommended option), about 0.1 s.
     """
 
     def __init__(self, hasher: PasswordHasher | None = None) -> None:

@@ -116,8 +116,10 @@ class AuthService:
             task.add_done_callback(self._save_tasks.discard)
 
     async def create_first_administrator(self, secret: str, name: str, password: str, address: str) -> LoginResult:
-        """Create the first administrator and log in. Raises Conflict if there is one already or the plant's users are
-        missing, NotAuthenticated for a wrong secret, TooManyAttempts, InvalidInput, AuthUnavailable.
+        """Create the first administrator and log in.
+
+        Raises Conflict if there is one already or the plant's users are missing, NotAuthenticated for a wrong secret,
+        TooManyAttempts, InvalidInput, AuthUnavailable.
         """
         if not self.needs_setup:
             raise Conflict("auth.is_set_up")
@@ -137,8 +139,10 @@ class AuthService:
         return User(normalized_name(name), role, hashed, self.wall_ms())
 
     async def login(self, name: str, password: str, address: str, device_cookie: str = "") -> LoginResult:
-        """Log in. Raises NotAuthenticated, the same for a wrong name and a wrong password; TooManyAttempts,
-        AuthUnavailable. ``device_cookie``: what the browser sent as the device cookie of this user.
+        """Log in.
+
+        Raises NotAuthenticated, the same for a wrong name and a wrong password; TooManyAttempts, AuthUnavailable.
+        ``device_cookie``: what the browser sent as the device cookie of this user.
         """
         user = self.database.find(name)
         device = self.devices.device(name, device_cookie)

@@ -89,8 +89,10 @@ class LoginThrottle:
         return max((attempt.wait_s(now, factor) for attempt in known), default=0.0)
 
     def record_attempt(self, keys: AttemptKeys, now: float) -> None:
-        """Count an attempt. Call it before the password is checked, and only if it will be checked: an attempt that
-        costs the sender nothing must not push out the counts of others.
+        """Count an attempt.
+
+        Call it before the password is checked, and only if it will be checked: an attempt that costs the sender nothing
+        must not push out the counts of others.
         """
         for key in keys.all:
             self._attempts.setdefault(key, _Attempts()).times.append(now)

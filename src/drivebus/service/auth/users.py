@@ -70,7 +70,7 @@ class Token:
 
 
 MAX_TOKENS_PER_USER = 100
-"""Each request with a token searches all of them: without a limit one user could slow down those of everybody."""
+"""Each request with a token searches all of them: without a limit one user could slow down those of all others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,10 +139,11 @@ class UserDatabase:
         )
 
     def with_token(self, token: Token) -> UserDatabase:
-        """Add a token. Raises ResourceNotFound for its user, InvalidInput for rights that the user lacks or none, for
-        ``operate`` without ``stop``, and for a name that is blank or has control characters, as it is shown to others.
+        """Add a token.
 
-        Raises Conflict beyond ``MAX_TOKENS_PER_USER``; those that have expired make room.
+        Raises ResourceNotFound for its user, InvalidInput for rights that the user lacks or none, for ``operate``
+        without ``stop``, and for a name that is blank or has control characters, as it is shown to others. Raises
+        Conflict beyond ``MAX_TOKENS_PER_USER``; those that have expired make room.
         """
         if CONTROL_CHARACTERS.search(token.name) or is_blank(token.name):
             raise InvalidInput("auth.bad_label", name=without_control_characters(token.name))

@@ -35,8 +35,9 @@ class CertificateState:
 
 
 def certificate_states(config: PlantConfig) -> Iterator[CertificateState]:
-    """Yield the certificates of the enabled gateways. Files that cannot be read are left out: ``check`` and the
-    gateway itself report them.
+    """Yield the certificates of the enabled gateways.
+
+    Files that cannot be read are left out: ``check`` and the gateway itself report them.
     """
     for gateway in config.gateways:
         for files in gateway.certificates if gateway.enabled else ():

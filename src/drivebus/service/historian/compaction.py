@@ -188,8 +188,9 @@ def delete_expired(store: HistoryStore, setting: HistoryConfig, now_ms: int) -> 
 
 
 def delete_oversize(store: HistoryStore, setting: HistoryConfig, now_ms: int) -> bool:
-    """Delete a batch of rows if the store is too large, finest level and oldest first, and return whether there may be
-    more. Raises StoreError.
+    """Delete a batch of rows if the store is too large, and return whether there may be more. Raises StoreError.
+
+    The finest level and the oldest rows go first.
     """
     if store.size_bytes() <= setting.max_size_mb * 1e6:
         return False

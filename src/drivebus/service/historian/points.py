@@ -297,8 +297,9 @@ def downsample(points: Points, level: ResolutionLevel, from_ms: int, to_ms: int,
 
 
 def with_gaps(points: Points, width_ms: int) -> Points:
-    """Insert a gap after each point whose distance to the next is far longer than usual, both overall and among its
-    neighbours: a stretch that was polled more slowly stays joined.
+    """Insert a gap after each point whose distance to the next is far longer than usual.
+
+    It must be so overall and among its neighbours: a stretch that was polled more slowly stays joined.
     """
     time = points.time
     if len(time) < 3:

@@ -154,8 +154,9 @@ _DELETE_BLOCKS = "DELETE FROM block WHERE id IN (SELECT id FROM block WHERE leve
 
 
 class SqlConnection(Protocol):
-    """Connection to a database, used by one thread. ``?`` stands for a parameter. Raises the database's own errors, and
-    StoreError where it must not be used.
+    """Connection to a database, used by one thread.
+
+    ``?`` stands for a parameter. Raises the database's own errors, and StoreError where it must not be used.
     """
 
     errors: tuple[type[Exception], ...]

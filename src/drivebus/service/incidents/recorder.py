@@ -28,8 +28,9 @@ from drivebus.values import Quality
 
 
 def incident_parameters(profile: DriveProfile) -> tuple[str, ...]:
-    """Return the readable parameters to save with an incident: ramps, preconditions for bus control, communication
-    loss.
+    """Return the readable parameters to save with an incident.
+
+    These are the ramps, the preconditions for bus control, and those of the communication loss.
     """
     rule = profile.comm_loss
     preconditions = [precondition.notation for precondition in profile.preconditions if precondition.unreadable is None]
@@ -47,8 +48,9 @@ BufferedSample = tuple[float, str, float | None, Quality]
 
 @dataclass(slots=True)
 class RingBuffer:
-    """Last minute of one drive: samples at full rate, states, events. Times are monotonic seconds, because the wall
-    clock may jump.
+    """Last minute of one drive: samples at full rate, states, events.
+
+    Times are monotonic seconds, because the wall clock may jump.
     """
 
     _samples: deque[BufferedSample] = field(default_factory=lambda: deque(maxlen=MAX_BUFFERED_SAMPLES))
@@ -124,8 +126,9 @@ class BusSnapshot:
 
 
 class IncidentRecorder:
-    """Recorder of incidents. ``read_parameters`` reads a drive's parameters afterwards; an incident is complete without
-    them if that fails.
+    """Recorder of incidents.
+
+    ``read_parameters`` reads a drive's parameters afterwards; an incident is complete without them if that fails.
     """
 
     def __init__(

@@ -36,8 +36,9 @@ def request_params(operation: Operation, request: Request) -> Json:
 
 
 def _query_params(operation: Operation, request: Request) -> Json:
-    """Return a list for a list parameter and a repeated name, an integer or a boolean for such a parameter, else the
-    text.
+    """Return the parameters of a query by name, as the schemas type them.
+
+    A list parameter and a repeated name give a list, integers and booleans their value, all others the text.
     """
     schemas, values_by_name = operation.param_schemas(), dict[str, list[str]]()
     for name, value in request.query_params.multi_items():

@@ -85,8 +85,9 @@ async def _disconnected(request: Request) -> None:
 
 def _download_handler(operation: Operation) -> Callable[[Request], Awaitable[Response]]:
     async def handle(request: Request) -> Response:
-        """Answer the parts one after another, so that a year is never held in memory. A failure after the first part
-        cuts the connection: a short file must not pass for a complete one.
+        """Answer the parts one after another, so that a year is never held in memory.
+
+        A failure after the first part cuts the connection: a short file must not pass for a complete one.
         """
         params = request_params(operation, request)
         operation.validate(params)  # as the service does again: a rejected request never occupies its process

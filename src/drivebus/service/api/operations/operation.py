@@ -176,8 +176,9 @@ class Operation:
 
     @property
     def yields(self) -> bool:
-        """Whether it waits for its turn on the event loop. Commands and renewals keep the order in which they arrive,
-        so that a stop voids every command sent before it.
+        """Whether it waits for its turn on the event loop.
+
+        Commands and renewals keep the order in which they arrive, so that a stop voids every command sent before it.
         """
         return not (self.mutates or self.keepalive)
 
