@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Coroutine
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast
 
 from starlette.requests import HTTPConnection
 
-from drivebus.errors import DrivebusError
+from drivebus.errors import DrivebusError, TooManyCommands
 from drivebus.service.api.denial_log import DenialLog, try_record
 from drivebus.service.api.operations import Operation
+from drivebus.service.api.record_budget import RecordBudget
+from drivebus.service.audit import AuditEntry
+from drivebus.service.audit.records import record_octets
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.credentials import Credential
 from drivebus.service.auth.errors import AuthUnavailable
@@ -33,6 +36,8 @@ class WebContext:
     denials: DenialLog
     health: ServiceHealth
     pauses: LoopPauses
+    budget: RecordBudget = field(default_factory=RecordBudget)
+    """Limit of the records of changes of accounts; a viewer can change the own password and tokens, too."""
     login_notice: Text | None = None
 
     async def record_change(
@@ -40,10 +45,18 @@ class WebContext:
     ) -> T:
         """Run the ``change`` of an operation with an audit record before and after it.
 
-        Raises AuthUnavailable, and changes nothing, where the trail cannot be written.
+        Raises AuthUnavailable, and changes nothing, where the trail cannot be written; TooManyCommands.
         """
-        what = operation.name
-        if not await try_record(self.client, audit_entry(what, target, params, outcome="requested"), actor):
+        what, now = operation.name, self.auth.clock()
+        try:
+            self.budget.check(actor, now)
+        except TooManyCommands as error:
+            change.close()
+            await self.denials.record_denial(operation.method, operation.path, error.key, actor)
+            raise
+        requested = audit_entry(what, target, params, outcome="requested")
+        self.budget.spend(actor, 2 * record_octets(AuditEntry.from_json(requested, actor)), now)
+        if not await try_record(self.client, requested, actor):
             change.close()
             raise AuthUnavailable("auth.no_record")
         try:

@@ -1,10 +1,14 @@
-"""Record budget: the commands of one actor take 4 MB of audit trail at once, then 5,000 octets a second."""
+"""Record budget: the commands of one user take 4 MB of audit trail at once, then 5,000 octets a second."""
 
 from __future__ import annotations
 
 import pytest
 
+from drivebus.errors import TooManyCommands
 from drivebus.service.api.record_budget import MAX_BURST_OCTETS, RECORD_OCTETS_PER_S, RecordBudget
+from drivebus.service.auth.actor import Actor, local_actor
+
+EVE, ANN = (Actor(name, frozenset(), f"s-{name}") for name in ("eve", "ann"))
 
 
 def test_the_size_of_a_budget_is_the_documented_one() -> None:
@@ -12,18 +16,18 @@ def test_the_size_of_a_budget_is_the_documented_one() -> None:
 
 
 def test_an_unused_budget_has_no_wait() -> None:
-    assert RecordBudget().wait_s("eve", 7.0) == 0.0
+    assert RecordBudget().wait_s(EVE, 7.0) == 0.0
 
 
 def test_a_budget_that_is_used_up_has_to_be_regained_with_its_excess() -> None:
     budget = RecordBudget()
-    budget.spend("eve", MAX_BURST_OCTETS, 7.0)
-    assert budget.wait_s("eve", 7.0) == 0.0
-    budget.spend("eve", 10_000, 7.0)
-    assert budget.wait_s("eve", 7.0) == pytest.approx(2.0)
-    assert budget.wait_s("eve", 8.5) == pytest.approx(0.5)
-    assert budget.wait_s("eve", 9.1) == 0.0
-    assert budget.wait_s("ann", 7.0) == 0.0, "each key has its own"
+    budget.spend(EVE, MAX_BURST_OCTETS, 7.0)
+    assert budget.wait_s(EVE, 7.0) == 0.0
+    budget.spend(EVE, 10_000, 7.0)
+    assert budget.wait_s(EVE, 7.0) == pytest.approx(2.0)
+    assert budget.wait_s(EVE, 8.5) == pytest.approx(0.5)
+    assert budget.wait_s(EVE, 9.1) == 0.0
+    assert budget.wait_s(ANN, 7.0) == 0.0, "each user has an own one"
 
 
 @pytest.mark.parametrize("record_octets", [500, 60_000])
@@ -32,8 +36,8 @@ def test_a_day_of_commands_takes_at_most_the_burst_and_five_thousand_octets_a_se
     for second in range(day_s):
         for tenth in range(10):
             now = second + tenth / 10
-            if budget.wait_s("eve", now) == 0:
-                budget.spend("eve", record_octets, now)
+            if budget.wait_s(EVE, now) == 0:
+                budget.spend(EVE, record_octets, now)
                 written += record_octets
     bound = min(MAX_BURST_OCTETS + day_s * RECORD_OCTETS_PER_S + record_octets, day_s * 10 * record_octets)
     assert 0.99 * bound < written <= bound
@@ -42,5 +46,20 @@ def test_a_day_of_commands_takes_at_most_the_burst_and_five_thousand_octets_a_se
 def test_a_budget_that_is_whole_again_is_forgotten() -> None:
     budget = RecordBudget()
     for number in range(100):
-        budget.spend(f"user-{number}", 5_000, 10.0 * number)
+        budget.spend(Actor(f"user-{number}", frozenset(), "s"), 5_000, 10.0 * number)
     assert len(budget._full_at) == 1
+
+
+def test_the_tokens_and_sessions_of_a_user_share_a_budget_and_local_actors_have_no_limit() -> None:
+    """With a budget of each token, a user who makes tokens again and again would have no limit."""
+    budget = RecordBudget()
+    budget.spend(Actor("eve/report", frozenset(), "token-1"), MAX_BURST_OCTETS + 5_001, 7.0)
+    for actor in (EVE, Actor("eve/other", frozenset(), "token-2")):
+        with pytest.raises(TooManyCommands) as raised:
+            budget.check(actor, 7.0)
+        assert raised.value.params == {"name": "eve", "retry_s": 1.1}
+    budget.check(ANN, 7.0)
+    local = local_actor("eve", "local-1")
+    budget.check(local, 7.0)
+    budget.spend(local, 1_000, 7.0)
+    assert budget.wait_s(EVE, 7.0) == pytest.approx(1.0002)

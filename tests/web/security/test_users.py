@@ -213,6 +213,34 @@ def test_every_change_of_a_user_is_in_the_audit_trail(tmp_path: Path) -> None:
     run(scenario())
 
 
+@pytest.mark.parametrize("way", ["password", "token"])
+def test_a_flood_of_changes_of_the_own_account_is_counted_beyond_a_budget(
+    way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A viewer could fill the disk: each wrong change of the own password was two records, and so was each token."""
+    monkeypatch.setattr("drivebus.service.api.record_budget.MAX_BURST_OCTETS", 20_000)
+    harness = WebAppHarness(tmp_path)
+
+    async def scenario() -> None:
+        viewer = await harness.log_in("viewer")
+        path, body = "/password", {"old": "wrong " + PASSWORD, "new": NEW}
+        if way == "token":
+            path, body = "/tokens", {"name": "report", "rights": ["view"]}
+        answers = [await viewer.post(f"/api/v1{path}", json=body) for _ in range(40)]
+        last = answers[-1]
+        assert (last.status_code, last.json()["error"]["code"]) == (429, "plant.too_many_commands")
+        assert int(last.headers["retry-after"]) >= 1
+        written = len(harness.service.records)
+        assert written < 60
+        await harness.denials.flush()
+        (counted,) = (entry for entry, _ in harness.service.records[written:])
+        refused = sum(one.status_code == 429 and "plant." in one.text for one in answers)
+        assert counted["params"] == {"who": "viewer@127.0.0.1", "times": refused - 1}, "none is lost"
+        assert (await viewer.get("/api/v1/session")).json()["user"] == "viewer", "the session goes on"
+
+    run(scenario())
+
+
 @pytest.mark.parametrize("name", ["administrator", "ADMINISTRATOR"])
 @pytest.mark.parametrize("by_token", [False, True])
 def test_an_administrator_cannot_change_the_own_role(by_token: bool, name: str, tmp_path: Path) -> None:

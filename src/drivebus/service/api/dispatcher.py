@@ -10,7 +10,6 @@ import asyncio
 from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from math import ceil
 from typing import Any
 
 from drivebus.errors import (
@@ -121,11 +120,11 @@ class Dispatcher:
 
     async def _check_budget(self, operation: Operation, params: Json, actor: Actor) -> None:
         """Raise TooManyCommands while the actor's commands that sent nothing have used up their part of the trail."""
-        wait_s = self._command_budget.wait_s(actor.name, self.plant.now())
-        if actor.remote and wait_s > 0:
-            error = TooManyCommands("plant.too_many_commands", name=actor.name, retry_s=ceil(10 * wait_s) / 10)
+        try:
+            self._command_budget.check(actor, self.plant.now())
+        except TooManyCommands as error:
             await self._record_denial(operation, params, actor, error.key)
-            raise error
+            raise
 
     async def _record_denial(self, operation: Operation, params: Json, actor: Actor, reason: str) -> None:
         """Record a denied request, or count it where one of its kind has just been recorded."""
@@ -140,7 +139,7 @@ class Dispatcher:
         No frame waits for a record; the client waits at most ``STOP_AUDIT_TIMEOUT_S`` for that of the outcome.
         """
         entry = _audit_entry(operation, params.model_dump(), actor)
-        if actor.remote and self._stop_budget.wait_s(actor.name, self.plant.now()) > 0:
+        if self._stop_budget.wait_s(actor, self.plant.now()) > 0:
             self._count_soon(entry, actor)
             return await handler(params, actor)
         # A task begins when the handler waits for the first time. The frame of a single drive is queued by then; those
@@ -149,14 +148,14 @@ class Dispatcher:
         try:
             result = await handler(params, actor)
         except Exception as error:
-            failed = self._charge(self._stop_budget, _failed_entry(entry, error))
+            failed = self._charge(self._stop_budget, actor, _failed_entry(entry, error))
             await self._record_soon(failed, requested, params)
             raise
         except BaseException as error:
             requested.cancel()  # where it has not begun: it would follow its outcome
             self._record_nowait(_failed_entry(entry, error))
             raise
-        completed = self._charge(self._stop_budget, _completed_entry(entry, result))
+        completed = self._charge(self._stop_budget, actor, _completed_entry(entry, result))
         await self._record_soon(completed, requested, params)
         return result
 
@@ -185,7 +184,7 @@ class Dispatcher:
             number = await record(self.plant, replace(entry, outcome="requested"))
         except AuditUnavailable:
             if operation.audit is Audit.REQUIRED:
-                self._record_nowait(self._charge_unsent(_unrecorded_entry(entry)))
+                self._record_nowait(self._charge_unsent(actor, _unrecorded_entry(entry)))
                 raise
             number = None
         except BaseException as error:  # the record may have reached the disk
@@ -197,12 +196,12 @@ class Dispatcher:
                 self._check_ticket(ticket)
             result = await handler(params, actor, ticket)
         except Exception as error:
-            await record_or_queue(self.plant, self._charge_unsent(_failed_entry(entry, error)))
+            await record_or_queue(self.plant, self._charge_unsent(actor, _failed_entry(entry, error)))
             raise
         except BaseException as error:  # a cancelled task must not wait for a disk
-            self._record_nowait(self._charge_unsent(_failed_entry(entry, error)))
+            self._record_nowait(self._charge_unsent(actor, _failed_entry(entry, error)))
             raise
-        await record_or_queue(self.plant, self._charge_unsent(_completed_entry(entry, result)))
+        await record_or_queue(self.plant, self._charge_unsent(actor, _completed_entry(entry, result)))
         return result
 
     def _check_ticket(self, ticket: CommandTicket) -> None:
@@ -253,14 +252,14 @@ class Dispatcher:
     def _record_nowait(self, entry: AuditEntry) -> None:
         self.plant.audit.record_nowait(entry)
 
-    def _charge(self, budget: RecordBudget, entry: AuditEntry) -> AuditEntry:
+    def _charge(self, budget: RecordBudget, actor: Actor, entry: AuditEntry) -> AuditEntry:
         """Charge the entry of an outcome, and that of its request, which is no larger, to the actor's budget."""
-        budget.spend(entry.who, 2 * record_octets(entry), self.plant.now())
+        budget.spend(actor, 2 * record_octets(entry), self.plant.now())
         return entry
 
-    def _charge_unsent(self, entry: AuditEntry) -> AuditEntry:
+    def _charge_unsent(self, actor: Actor, entry: AuditEntry) -> AuditEntry:
         """Charge a command of which no frame was sent; the records of the others are limited by the speed of a bus."""
-        return entry if entry.frames else self._charge(self._command_budget, entry)
+        return entry if entry.frames else self._charge(self._command_budget, actor, entry)
 
     async def _record_soon(self, entry: AuditEntry, requested: Awaitable[int | None], params: OperationParams) -> None:
         """Write the entry of a stop after that of its request; a disk that hangs does not delay its result."""

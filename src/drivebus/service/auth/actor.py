@@ -26,6 +26,11 @@ class Actor:
     address: str = ""
     """Address of the client, for the audit trail."""
 
+    @property
+    def user(self) -> str:
+        """Name of the user who acts, also of one whose token does (``user/token``)."""
+        return self.name.partition("/")[0]
+
     def may(self, required: RequiredAccess) -> bool:
         """Return whether the actor has the right; no actor has an access level as a right."""
         return required in self.rights
