@@ -205,3 +205,13 @@ def test_a_search_of_the_faults_finds_their_words_and_no_names_of_fields(visit: 
     expect(faults.locator("td.empty")).to_be_visible()
     field.fill("voltage under")
     expect(faults.locator("tbody tr").first).to_contain_text("under-voltage")
+
+
+def test_the_groups_of_a_drive_stand_apart_from_each_other(visit: Any) -> None:
+    """Regression: *Section 1 Ends of all lines* read as the name of one group."""
+    page = visit("#/drive/fan-1")
+    page.evaluate("""async () => {
+      const store = await import('/static/js/store.js');
+      store.applyDelta({ topics: { 'drives/fan-1': { groups: ['air', 'water'] } } });
+    }""")
+    expecting()(page.locator(".identity")).to_contain_text("· Air · Water")

@@ -176,6 +176,28 @@ def test_the_stop_button_of_a_dense_tile_has_a_frame_that_a_stopped_drives_squar
     assert frame["y"] + frame["height"] <= spark["y"]
 
 
+def test_the_fault_of_a_dense_tile_fills_its_line(visit: Any) -> None:
+    """Regression: of "bit 6 of 3016H/3017H, not published" it had "bit 6 of…", because the next word was too long."""
+    page = visit("#/fleet", size=(1440, 900))
+    page.evaluate("localStorage.setItem('drivebus.fleet', JSON.stringify({ size: 'dense' }))")
+    page.reload()
+    page.locator(".tiles.dense .tile").nth(4).wait_for()
+    page.evaluate("""async () => {
+      const store = await import('/static/js/store.js');
+      const text = { en: 'see 3016H/3017H/3018H/3019H/3020H of the manual', zh: 'x' };
+      const fault = { code: 6, label: 'E6', text, cause: null, remedy: null };
+      store.applyDelta({ topics: { 'drives/fan-1': { state: 'fault', fault } } });
+    }""")
+    fault = page.locator(".tilefault", has_text="3016H").first
+    fault.wait_for()
+    lines = fault.evaluate("""(one) => {
+      const range = document.createRange();
+      range.selectNodeContents(one);
+      return new Set([...range.getClientRects()].map(({ top }) => Math.round(top))).size;
+    }""")
+    assert lines == 1
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 @pytest.mark.parametrize("width", [360, 1440])
 def test_the_stop_button_of_a_tile_has_its_word(visit: Any, width: int, language: str) -> None:

@@ -1,5 +1,5 @@
 // Frame of every page: header with navigation, connection state, alarm strip, stop bar.
-import { html, signal, useEffect, useRef } from "./lib.js";
+import { effect, html, signal, useEffect, useRef } from "./lib.js";
 import { openAlarms, uncleared } from "./alarms/alarm-list.js";
 import { AlarmAnnouncement } from "./alarms/alarm-announcement.js";
 import { AlarmStrip } from "./alarms/alarm-strip.js";
@@ -96,14 +96,26 @@ function ConnectionNotice() {
     <${Button} onClick=${reconnect}>${t("page.reconnect")}<//></div>`;
 }
 
+const isNoticeShown = (notice) => Boolean(notice) && notice.en !== closedNotice.value;
+
+/** Page of the address, and whether a notice of the service was shown when it was opened: then it has a place above the page,
+ * which stays as long as the page. One that comes later stands over the page, so that it moves no button. */
+const noticePlace = signal({ here: null, isReserved: false });
+effect(() => {
+  const plant = topic("plant").value;
+  const here = `${route.value.page}/${route.value.id}`;
+  if (plant && noticePlace.peek().here !== here) noticePlace.value = { here, isReserved: isNoticeShown(plant.notice) };
+});
+
 /** Notice that the service shows to every user, until the user closes it or another one comes. */
 function ServiceNotice() {
   const notice = topic("plant").value?.notice;
-  const shown = notice && notice.en !== closedNotice.value;
-  return html`<div role="status">${shown && html`<div class="banner info notice-line" data-text="notice">
+  return html`<div role="status">${isNoticeShown(notice) && html`<div class="banner info notice-line" data-text="notice">
     <span>${localized(notice)}</span><${Button} kind="quiet" onClick=${() => { closedNotice.value = notice.en; }} data-do="close-notice">
       ${t("page.close")}<//></div>`}</div>`;
 }
+
+const NoticePlace = () => noticePlace.value.isReserved && html`<div class="service-notice"><${ServiceNotice} /></div>`;
 
 /** Notice that the service has another version than when this page was loaded: its scripts are of the old one. */
 function NewVersion() {
@@ -144,7 +156,7 @@ function PlantNotice() {
 function Notices() {
   const box = useRef(null);
   usePublishedHeight(box, "--notices");
-  return html`<div class="notices" ref=${box}><${ConnectionNotice} /><${NewVersion} /><${ServiceNotice} /><${FailedLogins} />
+  return html`<div class="notices" ref=${box}><${ConnectionNotice} /><${NewVersion} />${!noticePlace.value.isReserved && html`<${ServiceNotice} />`}<${FailedLogins} />
     <${LogoutNotice} /><${Unlock} />
     <${ReplacedDrive} /><${TakeoverNotices} /><${ControlRequestNotices} /></div>`;
 }
@@ -157,6 +169,7 @@ export function Shell({ children }) {
     onClick=${(event) => { event.preventDefault(); document.getElementById("main").focus(); }}>${t("page.skip")}</a>
     <${ErrorBoundary}><${PageHeader} /><//><${ErrorBoundary}><${Notices} /><//>
     <${ErrorBoundary}><${AlarmAnnouncement} /><${AlarmStrip} /><//>
+    <${ErrorBoundary}><${NoticePlace} /><//>
     <main id="main" tabindex="-1" class=${isLive.value ? "" : "stale"}><${ErrorBoundary}><${PlantNotice} /><//>
       <${ErrorBoundary} key=${`${page}/${id}`}>${children}<//></main>
       <${StopBar} />`;

@@ -47,7 +47,7 @@ function GroupFault({ alarms, oldest }) {
 }
 
 /** Users who have acknowledged some of these alarms, and the time of the last acknowledgement. */
-function AcknowledgedBy({ alarms }) {
+export function AcknowledgedBy({ alarms }) {
   const done = alarms.filter(isAcknowledged);
   if (done.length === 0) return null;
   const by = [...new Set(done.map((alarm) => alarm.acknowledged_by ?? ""))].join(t("language.between_items"));
@@ -113,11 +113,11 @@ function AlarmRow({ alarm }) {
 
 /** How often an alarm was raised without being acknowledged, and when first. */
 const Repetition = ({ alarm }) => alarm.count > 1 && html`
-  <span>${t("page.alarm_repeated", { n: alarm.count, time: moment(alarm.first_raised_ms) })}</span>`;
+  <span>${withWholeNumbers(t("page.alarm_repeated", { n: alarm.count, time: moment(alarm.first_raised_ms) }))}</span>`;
 
 /** End, author and reason of a shelving. */
 const ShelvedNote = ({ alarm }) => isShelved(alarm) && html`
-  <span>${t("page.shelved_until", { time: moment(alarm.shelved_until_ms) })}</span>
+  <span>${withWholeNumbers(t("page.shelved_until", { time: moment(alarm.shelved_until_ms) }))}</span>
   ${alarm.shelved_by && html`<span>${t("page.shelved_by", { by: alarm.shelved_by, reason: alarm.shelved_reason })}</span>`}`;
 
 /** Remedy of an alarm, closed until the user opens it. */

@@ -7,10 +7,10 @@ import { isLive } from "../live.js";
 import { href, replaceQuery } from "../router.js";
 import { may } from "../session.js";
 import { loadStylesheet } from "../stylesheet.js";
-import { Button, ErrorNote, useRequest, withCommands } from "../ui.js";
+import { Button, ErrorNote, useRequest, withCommands, withWholeNumbers } from "../ui.js";
 import { Tabs } from "../tabs.js";
 import { acknowledgeAll } from "../alarms/alarm-groups.js";
-import { AlarmDetails, AlarmRemedy, AlarmRows } from "../alarms/alarm-rows.js";
+import { AcknowledgedBy, AlarmDetails, AlarmRemedy, AlarmRows } from "../alarms/alarm-rows.js";
 import { IncidentList } from "../alarms/incident-list.js";
 import { PagedEnd, usePaged } from "../paged.js";
 import { PriorityMark } from "../alarms/alarm-state.js";
@@ -58,11 +58,10 @@ function AlarmHistory() {
       <${PriorityMark} priority=${alarm.priority} />
       <div class="what"><strong>${localized(alarm.title)}</strong><span><${AlarmDetails} alarm=${alarm} /></span>
         <p>${withCommands(localized(alarm.text))}</p><${AlarmRemedy} alarm=${alarm} /></div>
-      <div class="when"><span>${t("page.raised_at", { time: moment(alarm.raised_ms) })}</span>
+      <div class="when"><span>${withWholeNumbers(t("page.raised_at", { time: moment(alarm.raised_ms) }))}</span>
         <span>${alarm.cleared_ms === null ? t("page.not_cleared")
           : t("page.cleared_after", { after: duration((alarm.cleared_ms - alarm.raised_ms) / 1000) })}</span>
-        <span>${alarm.acknowledged_ms === null ? t("page.not_acknowledged")
-          : t("page.acknowledged_by", { by: alarm.acknowledged_by ?? "", time: moment(alarm.acknowledged_ms) })}</span></div>
+        ${alarm.acknowledged_ms === null && html`<span>${t("page.not_acknowledged")}</span>`}<${AcknowledgedBy} alarms=${[alarm]} /></div>
       <div class="do">${alarm.incident && html`<a class="button"
         href=${href("incidents", alarm.incident)}>${t("page.open_incident")}</a>`}</div></li>`)}</ul>
     <${PagedEnd} list=${list} /></div>`;

@@ -23,12 +23,12 @@ import { TrendTab } from "../drive/trend-tab.js";
 import { Values } from "../drive/values.js";
 
 function BusLocation({ view }) {
-  const groups = view.groups.map((id) => html`<a key=${id} href=${href("fleet", null, { group: id })}>${groupTitle(id)}</a> `);
+  const groups = view.groups.map((id) => html`${" · "}<a key=${id} href=${href("fleet", null, { group: id })}>${groupTitle(id)}</a>`);
   return html`<p class="soft identity"><code>${view.id}</code> · <a href=${href("buses", view.bus)}>
     ${busTitle(view.bus)}</a>
     ${" · "}${t("page.station", { address: view.address })} · <code>${view.model}
       </code> · ${t("page.grade")}${t("page.colon")}${t(`page.grade_${view.grade}`)}
-    ${groups.length > 0 && html`${" · "}${groups}`}</p>`;
+    ${groups}</p>`;
 }
 
 function Head({ view }) {

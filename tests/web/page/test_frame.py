@@ -1,0 +1,103 @@
+"""The frame around each page on screens of different sizes: header, notice of the service, filters, stop bar."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from drivebus import i18n
+from fixtures.browser import Stage
+from fixtures.browser_actions import go_to
+
+BOTTOMS = """all => new Set(all.filter((one) => one.offsetParent)
+  .map((one) => Math.round(one.getBoundingClientRect().bottom))).size"""
+"""Script: number of different lower edges of the visible ones of these elements."""
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("size", [(1440, 900), (1366, 768), (1920, 1080)])
+def test_the_filters_of_the_fleet_stand_in_one_row(visit: Any, size: tuple[int, int], language: str) -> None:
+    """Regression: at 1440 pixels they took two rows, and a third row of drives was cut off."""
+    page = visit("#/fleet", size=size, language=language)
+    page.locator(".tile").nth(4).wait_for()
+    assert page.locator(".fleettools > .choice, .fleetpicks > *").evaluate_all(BOTTOMS) == 1
+    widths = "all => all.filter((one) => one.scrollWidth > one.clientWidth).length"
+    assert page.locator(".fleettools .choice button").evaluate_all(widths) == 0
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_header_of_a_tablet_is_one_row(visit: Any, language: str) -> None:
+    """Regression: the account stood below the links, although there was room beside them."""
+    page = visit("#/fleet", size=(1180, 820), language=language)
+    page.locator(".tile").nth(4).wait_for()
+    title = {"en": "Rolling mill, second hall", "zh": "第二轧钢车间的冷却与除鳞系统"}
+    give = "async (title) => (await import('/static/js/store.js')).applyDelta({ topics: { plant: { title } } })"
+    page.evaluate(give, title)
+    page.locator(".head .plant", has_text=title[language]).wait_for()
+    assert page.locator(".head").bounding_box()["height"] <= 64
+
+
+def test_values_of_neighbouring_tiles_stand_at_one_height_below_names_of_one_and_two_lines(
+    stage: Stage, visit: Any
+) -> None:
+    """Regression: below a name of two lines state and frequency stood a line lower than beside it."""
+    page = visit("#/fleet", size=(1440, 900))
+    page.locator(".tile").nth(4).wait_for()
+    page.evaluate("""async () => {
+      const store = await import('/static/js/store.js');
+      const title = { en: 'Roller table motor of the second stand', zh: '辊道电机' };
+      store.applyDelta({ topics: { 'drives/fan-2': { title } } });
+    }""")
+    page.locator(".tilename", has_text="second stand").wait_for()
+    heights = page.locator(".tilename").evaluate_all("all => new Set(all.map((one) => one.offsetHeight)).size")
+    assert heights > 1
+    for part in (".state", ".tilehz", ".tilerow"):
+        assert page.locator(f".tile {part}").evaluate_all(BOTTOMS) == 1, part
+
+
+@pytest.mark.parametrize(("way", "share"), [("#/fleet", 0.26), ("#/drive/fan-1", 0.37)])
+def test_the_stop_bar_leaves_most_of_a_screen_at_four_times_its_size(visit: Any, way: str, share: float) -> None:
+    """Regression: of a screen of 1440 × 900 at 400 % zoom the bar took two fifths, and on a drive's page half."""
+    page = visit(way, size=(360, 225))
+    page.locator(".stop").last.wait_for()
+    bar = page.locator(".stopbar").bounding_box()
+    assert bar["height"] <= share * 225
+    assert page.locator(".stopbar").inner_text().count(i18n.text("page.stop_note", "en")) == 1
+    for button in page.locator(".stop").all():
+        box = button.bounding_box()
+        assert box["height"] >= 40 and box["x"] >= 0 and box["x"] + box["width"] <= 360
+    assert page.locator(".stop b").evaluate_all("all => all.filter((one) => one.scrollWidth > one.clientWidth)") == []
+
+
+LONGEST = {language: i18n.text("demo.story.unplug", language, bus="B") for language in i18n.LANGUAGES}
+PLACES = """() => [...document.querySelectorAll('main :is(button, a), .stopbar button')]
+  .filter((one) => one.offsetParent).map((one) => Math.round(one.getBoundingClientRect().top))"""
+
+
+@pytest.mark.parametrize("size", [(1440, 900), (820, 1180), (360, 800)])
+def test_a_notice_of_the_service_covers_nothing_and_its_end_moves_nothing(
+    stage: Stage, visit: Any, size: tuple[int, int]
+) -> None:
+    """Regression: the notice of the demo lay over tiles. One that comes to an open page does, and moves nothing."""
+    stage.service.plant.notice = LONGEST
+    try:
+        page = visit("#/fleet", size=size)
+        page.locator(".tile").nth(4).wait_for()
+        notice = page.locator("[data-text=notice]")
+        notice.wait_for()
+        box, main = notice.bounding_box(), page.locator("main").bounding_box()
+        assert box["y"] + box["height"] <= main["y"]
+        place = page.locator(".service-notice")
+        assert place.evaluate("one => one.scrollHeight <= one.clientHeight"), "its text is whole"
+        before = page.evaluate(PLACES)
+        stage.service.plant.notice = {"en": "short", "zh": "短"}
+        page.locator("[data-text=notice]", has_text="short").wait_for()
+        assert page.evaluate(PLACES) == before
+        stage.service.plant.notice = None
+        notice.wait_for(state="detached")
+        assert page.evaluate(PLACES) == before
+    finally:
+        stage.service.plant.notice = None
+    go_to(page, "buses")
+    place.wait_for(state="detached")
