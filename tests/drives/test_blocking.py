@@ -68,7 +68,7 @@ def test_the_progress_of_a_blocking_sweep_names_the_drives_of_the_caller() -> No
     with blocking.open_bus("sim://vc660@2?baud=38400") as bus:
         drives = [blocking.Drive(bus, "vc660", address) for address in (1, 2)]
         report = blocking.stop_all_addresses(bus, drives, lambda drive, share: reported.append((drive, share)))
-    assert reported == [(drives[0], 0.5), (drives[1], 1.0)]
+    assert reported == [(drives[0], 0.5), (drives[1], 1.0), (drives[0], 1.0)]
     assert (report.absent, report.confirmed) == ((1,), 1)
 
 

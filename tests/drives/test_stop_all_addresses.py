@@ -42,6 +42,34 @@ def test_running_drives_at_unknown_addresses_are_stopped_and_the_empty_addresses
     run_virtual(scenario())
 
 
+@pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800"])
+def test_a_drive_whose_first_stop_is_lost_is_stopped_and_not_called_absent(model: str) -> None:
+    """One frame lost on a disturbed bus: the drive was counted among the empty addresses, with exit code 0."""
+
+    async def scenario() -> StopReport:
+        async with SimulatedDrives(model, "3,7") as bench:
+            station, sent = bench.station(3), list[TraceEvent]()
+
+            def lose_first_stop(event: TraceEvent) -> None:
+                if event.kind is TraceKind.SENT and event.message.address == 3:
+                    sent.append(event)
+                station.faults.silent = len(sent) == 1 and event is sent[0]
+
+            starter = bench.drive(3)
+            await starter.run(SAFE_HZ[model])
+            starter.close()
+            bench.bus.trace(lose_first_stop)
+            report = await stop_at_every_address(bench)
+            await asyncio.sleep(20.0)  # a DF800 only acknowledges the stop, and then decelerates
+            station.advance(bench.bus.now())
+            assert len(sent) > 1 and not station.running
+            return report
+
+    report = run_virtual(scenario())
+    assert [address for address, _ in report.outcomes] == [3, 7]
+    assert report.absent == (1, 2, 4, 5, 6, 8) and report.unconfirmed == ()
+
+
 def test_starts_are_inhibited_from_the_first_frame_on() -> None:
     async def scenario() -> None:
         async with SimulatedDrives("vc660", "1") as bench:
@@ -62,7 +90,11 @@ def test_the_progress_names_each_address_and_ends_at_the_whole() -> None:
             await stop_at_every_address(bench, lambda drive, share: seen.append((drive.address, share)))
 
     run_virtual(scenario())
-    assert seen == [(address, address / 8) for address in ADDRESSES]
+    silent = [address for address in ADDRESSES if address != 2]
+    assert seen == [
+        *[(address, address / 8) for address in ADDRESSES],
+        *[(address, number / 7) for number, address in enumerate(silent, 1)],
+    ]
 
 
 @pytest.mark.parametrize("returns_after_s", [None, 1.0])

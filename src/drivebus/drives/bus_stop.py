@@ -84,9 +84,9 @@ async def stop_all_addresses(
 ) -> StopReport:
     """Stop a bus whose addresses are not known: ``drives`` has one for every address at which a drive may be.
 
-    Each address is sent a stop at once, and the drives that reply are stopped as by ``stop_bus``; a drive whose reply
-    came late is stopped too, and the addresses that a lost port left out follow once it is back within 2 s.
-    ``on_progress`` gets each drive that was sent a frame, and the share of drives so far (above 0, at most 1).
+    Each address is sent a stop at once, and the drives that reply are stopped as by ``stop_bus``; the other addresses
+    are sent it once more, those that a lost port left out once it is back within 2 s. ``on_progress`` gets each drive
+    that was sent a frame, and the share of this round's drives so far (above 0, at most 1).
     """
     started_at, lost = bus.now(), list(drives)
     broadcasts, reports = list[FrameExchange](), list[StopReport]()
@@ -95,10 +95,12 @@ async def stop_all_addresses(
         bus.inhibit_start(None)
         broadcasts += await _broadcast(bus, lost)
         present, lost = await _sweep(bus, lost, on_progress)
-        replies_due_until = bus.now() + lateness_s
         reports.append(await stop_bus(bus, present))
         if not lost or not await _is_open_soon(bus):
             break
+    present, _ = await _sweep(bus, _silent_drives(drives, lost, reports), on_progress)
+    replies_due_until = bus.now() + lateness_s
+    reports.append(await stop_bus(bus, present))
     await asyncio.sleep(max(0.0, replies_due_until - bus.now()))
     reports.append(await stop_bus(bus, _late_drives(bus, drives, reports)))
     outcomes = sorted((outcome for report in reports for outcome in report.outcomes), key=itemgetter(0))
@@ -111,6 +113,15 @@ async def stop_all_addresses(
         absent=tuple(drive.address for drive in drives if drive.address not in {*dict(outcomes), *left_out}),
         lost=left_out,
     )
+
+
+def _silent_drives(drives: Sequence[Drive], lost: Sequence[Drive], reports: Iterable[StopReport]) -> list[Drive]:
+    """Return the drives that did not reply to a stop: on a disturbed bus it may be lost, or its reply.
+
+    Those that are only read first are left out: a second read waits for the quarantine of its address.
+    """
+    reported = {address for report in reports for address, _ in report.outcomes} | {drive.address for drive in lost}
+    return [drive for drive in drives if drive.address not in reported and drive.dialect.model_check() is None]
 
 
 async def _sweep(

@@ -183,10 +183,13 @@ async def _stop_addresses(target: Target, addresses: tuple[int, ...], *, find: b
             drives = [Drive(bus, profile, each, encoding=target.encoding, options=options) for each in addresses]
             if find:
                 with output.ProgressBar() as bar:
-                    started_at = bus.now()
+                    started_at, last_share = bus.now(), 0.0
 
                     def show(drive: Drive, share: float) -> None:
-                        spent_s = bus.now() - started_at
+                        nonlocal started_at, last_share
+                        if share < last_share:  # the next round has begun
+                            started_at = bus.now()
+                        last_share, spent_s = share, bus.now() - started_at
                         bar.update(f"{profile.model} {drive.address:3d}", spent_s, spent_s / share)
 
                     report = await stop_all_addresses(bus, drives, show)
