@@ -259,8 +259,12 @@ def test_a_service_without_a_drive_is_answered_with_where_its_drives_are_listed(
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
-def test_a_damaged_reply_is_answered_with_the_setting_for_an_adapter_that_echoes(language: str) -> None:
+def test_a_damaged_reply_is_answered_with_a_second_master_and_the_setting_for_an_adapter_that_echoes(
+    language: str,
+) -> None:
     """A VC660 behind one was answered with its wiring, and nothing named ``echo=on``, which makes it answer."""
-    url = re.search(r"serial:///[^)）\s]+", i18n.text("hint.damaged_reply", language))
+    hint = i18n.text("hint.damaged_reply", language)
+    assert {"en": "second master", "zh": "另一个主站"}[language] in hint
+    url = re.search(r"serial:///[^)）\s]+", hint)
     assert url is not None
     assert parse_port_url(url[0]).options == {"echo": "on"}
