@@ -44,7 +44,7 @@ def test_running_drives_at_unknown_addresses_are_stopped_and_the_empty_addresses
 
 @pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800"])
 def test_a_drive_whose_first_stop_is_lost_is_stopped_and_not_called_absent(model: str) -> None:
-    """One frame lost on a disturbed bus: the drive was counted among the empty addresses, with exit code 0."""
+    """A single frame lost on a disturbed bus: the drive was counted among the empty addresses, with exit code 0."""
 
     async def scenario() -> StopReport:
         async with SimulatedDrives(model, "3,7") as bench:
