@@ -607,13 +607,8 @@ def test_a_write_whose_read_back_the_drive_rejects_says_so() -> None:
 
 def test_a_rejected_write_keeps_the_notes_of_earlier_ones_and_names_its_next_step() -> None:
     """Exceptions 2 and 3 belong to writes, and their next step was lost there."""
-
-    class Rejects(FakeModbus):
-        def __call__(self, request: Any) -> Any:
-            is_rejected = isinstance(request, modbus.WriteRegister) and request.register == 0x2007
-            return modbus.ExceptionReply(1, 6, 3) if is_rejected else super().__call__(request)
-
-    outcome = ParameterBench("vc660", Rejects()).write({"2006H": 5.0, "2007H": 1.0, "2008H": 1.0})
+    bench = ParameterBench("vc660", FakeModbus(rejections={0x2007: 3}))
+    outcome = bench.write({"2006H": 5.0, "2007H": 1.0, "2008H": 1.0})
     assert (outcome.status, outcome.params["code"]) == (OutcomeStatus.REFUSED, 3)
     keys = [key for key, _ in outcome.notes]
     assert keys == ["drives.write_acknowledged", "drives.modbus_remedy_3", "drives.write_unsent"]

@@ -382,7 +382,7 @@ def test_a_stop_supersedes_the_run_of_a_decelerating_drive() -> None:
 
     def stop_after_the_frequency(request: BusRequest) -> None:
         if isinstance(request.request, sunfar.SunfarControl):
-            bus.conditions = replace(bus.conditions, stop_epoch=bus.conditions.stop_epoch + 1)
+            bus.count_stop()
 
     bus.on_request = stop_after_the_frequency
     with pytest.raises(Superseded, match="newer stop"):

@@ -308,26 +308,19 @@ def test_an_unmet_precondition_is_named_before_the_maximum_frequency_is_read() -
     story(tell)
 
 
-def test_an_sl3_that_counts_frequencies_as_a_speed_is_not_started() -> None:
-    """With 00-08 other than 0 the word of the frequency has one decimal: ten times the speed."""
+@pytest.mark.parametrize(
+    ("model", "register", "speed", "parameter"),
+    [("shihlin_sl3", 10008, 3600, "00-08"), ("fr_d700_modbus", 0x040C, 1800, r"Pr\.37")],
+)
+def test_a_drive_whose_frequencies_are_a_speed_is_not_started(
+    model: str, register: int, speed: int, parameter: str
+) -> None:
+    """SL3: the word has one decimal, ten times the speed. FR-D700: set and shown value agree at another speed."""
 
     async def tell() -> None:
-        async with simulated_drive("shihlin_sl3") as (drive, station):
-            station.keypad_set(10008, 3600)
-            with pytest.raises(PreflightError, match="00-08"):
-                await drive.run(5.0)
-            assert station.setpoint_word == station.command == 0
-
-    story(tell)
-
-
-def test_an_fr_d700_that_shows_a_speed_is_not_started() -> None:
-    """With Pr.37 other than 0 set and shown frequencies are a speed: both agree while the motor turns at another."""
-
-    async def tell() -> None:
-        async with simulated_drive("fr_d700_modbus") as (drive, station):
-            station.keypad_set(0x040C, 1800)
-            with pytest.raises(PreflightError, match=r"Pr\.37"):
+        async with simulated_drive(model) as (drive, station):
+            station.keypad_set(register, speed)
+            with pytest.raises(PreflightError, match=parameter):
                 await drive.run(5.0)
             assert station.setpoint_word == station.command == 0
 

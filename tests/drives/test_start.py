@@ -14,7 +14,7 @@ from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import Direction
 from drivebus.errors import Superseded, TargetNotReached
-from drivebus.protocols import dzb100, modbus, sunfar
+from drivebus.protocols import dzb100, sunfar
 from fixtures.drives import FakeC320, FakeModbus, PureBus, dialect_for, operation_for, reject_command
 from fixtures.starts import c320, df800, start, starts, vc660
 
@@ -219,7 +219,7 @@ def test_a_stop_that_comes_while_a_start_waits_to_be_confirmed_ends_it() -> None
 
     def stop_comes(ask: Any) -> None:
         if isinstance(ask.request, sunfar.SunfarControl):
-            bus.conditions = replace(bus.conditions, stop_epoch=bus.conditions.stop_epoch + 1)
+            bus.count_stop()
 
     bus.on_request = stop_comes
     with pytest.raises(Superseded) as caught:
@@ -367,7 +367,7 @@ def test_a_stop_between_a_pulse_and_its_end_leaves_a_start_of_which_the_outcome_
 
     def stop_comes(ask: Any) -> None:
         if getattr(ask.request, "register", 0) == 0x2000:
-            bus.conditions = replace(bus.conditions, stop_epoch=bus.conditions.stop_epoch + 1)
+            bus.count_stop()
 
     bus.on_request = stop_comes
     with pytest.raises(Superseded) as caught:
@@ -407,13 +407,7 @@ def test_an_unanswered_start_of_df800_is_never_resent() -> None:
 
 
 def test_modbus_errors_of_the_drive_are_refusals() -> None:
-    class Refuses(FakeModbus):
-        def __call__(self, request: Any) -> Any:
-            if isinstance(request, modbus.WriteRegister) and request.register == 0x2000:
-                return modbus.ExceptionReply(1, 6, None)
-            return super().__call__(request)
-
-    bus, op = df800(Refuses())
+    bus, op = df800(FakeModbus(rejections={0x2000: None}))
     outcome = start(bus, op)
     assert (outcome.status, outcome.key) == (OutcomeStatus.REFUSED, "drives.start_refused")
     assert "no such parameter, or it is locked" in outcome.text("en")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -38,7 +37,7 @@ def test_a_stop_between_the_frequency_and_the_start_ends_the_start() -> None:
 
     def stop_comes(ask: Any) -> None:
         if getattr(ask.request, "register", 0) == 0x2001:
-            bus.conditions = replace(bus.conditions, stop_epoch=bus.conditions.stop_epoch + 1)
+            bus.count_stop()
 
     bus.on_request = stop_comes
     with pytest.raises(Superseded, match="newer stop"):
@@ -102,13 +101,7 @@ def test_a_drive_that_runs_at_another_set_frequency_is_not_confirmed() -> None:
 
 
 def test_a_rejected_set_frequency_is_named_and_no_start_is_sent() -> None:
-    class Refuses(FakeModbus):
-        def __call__(self, request: Any) -> Any:
-            if isinstance(request, modbus.WriteRegister) and request.register == 0x2001:
-                return modbus.ExceptionReply(1, 6, 3)
-            return super().__call__(request)
-
-    fake = Refuses()
+    fake = FakeModbus(rejections={0x2001: 3})
     bus, op = vc660(fake)
     outcome = start(bus, op)
     assert (outcome.status, outcome.params["code"]) == (OutcomeStatus.REFUSED, 3)

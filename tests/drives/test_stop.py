@@ -472,16 +472,10 @@ def test_superseded_reads_do_not_end_a_stop() -> None:
 
 
 def test_a_rejected_stop_of_a_modbus_drive_counts_as_unanswered() -> None:
-    class Refuses(FakeModbus):
-        def __call__(self, request: Any) -> Any:
-            if isinstance(request, modbus.WriteRegister):
-                return modbus.ExceptionReply(1, 6, None)
-            return super().__call__(request)
-
-    bus = PureBus(dialect=dialect_for("df800"), station=Refuses())
+    bus = PureBus(dialect=dialect_for("df800"), station=FakeModbus(rejections={0x2000: None}))
     silent = bus.run(stop(operation_for(bus.dialect)))
     assert silent.key == "drives.stop_rejected" and "the drive rejected the request" in silent.text("en")
-    running = PureBus(dialect=dialect_for("vc660"), station=Refuses(registers={0x3000: 0x0009}))
+    running = PureBus(dialect=dialect_for("vc660"), station=FakeModbus({0x3000: 0x0009}, rejections={0x2000: None}))
     outcome = running.run(stop(operation_for(running.dialect)))
     assert outcome.key == "drives.stop_rejected_running"
     assert "the drive rejected" in outcome.text("en") and "still reported running" in outcome.text("en")
@@ -490,14 +484,8 @@ def test_a_rejected_stop_of_a_modbus_drive_counts_as_unanswered() -> None:
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_the_only_next_step_after_a_rejected_stop_is_the_hard_wired_one(language: str) -> None:
     """The next step after exception 4 was part of its meaning: to look whether the run forbids the stop."""
-
-    class Refuses(FakeModbus):
-        def __call__(self, request: Any) -> Any:
-            if isinstance(request, modbus.WriteRegister):
-                return modbus.ExceptionReply(1, 6, 4)
-            return super().__call__(request)
-
-    bus = PureBus(dialect=dialect_for("vc660"), station=Refuses(registers={0x3000: 0x0009}))
+    station = FakeModbus({0x3000: 0x0009}, rejections={0x2000: 4})
+    bus = PureBus(dialect=dialect_for("vc660"), station=station)
     outcome = bus.run(stop(operation_for(bus.dialect)))
     assert outcome.key == "drives.stop_rejected_running" and not outcome.notes
     assert i18n.text("drives.modbus_remedy_4", language) not in outcome.text(language)

@@ -181,10 +181,7 @@ def test_a_drive_without_replies_has_an_unknown_outcome() -> None:
 def test_a_stop_that_comes_meanwhile_ends_the_waiting() -> None:
     bus, op = waiting(FakeC320(state=sunfar.SunfarState.ACCELERATING_FORWARD))
 
-    def stop(ask: Any) -> None:
-        bus.conditions = replace(bus.conditions, stop_epoch=bus.conditions.stop_epoch + 1)
-
-    bus.on_request = stop
+    bus.on_request = lambda ask: bus.count_stop()
     with pytest.raises(Superseded):
         wait_for(bus, op)
 

@@ -171,7 +171,7 @@ async def test_check_and_service_name_a_folder_in_which_others_can_replace_the_k
             if supervision._disk_task is not None:  # its own check, which began before the folder was changed
                 await supervision._disk_task
             await supervision._check_disk()
-            texts = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
+            texts = kit.event_texts()
             return [text for text in texts if "tls keys" in text]
 
         assert await events() == []

@@ -71,16 +71,12 @@ async def comm_loss(kit: ServiceKit) -> Json:
     return found
 
 
-def events(kit: ServiceKit) -> list[str]:
-    return [event["text"]["en"] for _, event in kit.service.plant.hub.items("events") if event["kind"] == "waiver"]
-
-
 def has_sentence(kit: ServiceKit, key: str, found: Json) -> bool:
     """Return whether the newest event and the view of the fan state its test by this sentence."""
     record = kit.service.plant.drives["fan-1"].comm_loss.record
     assert record is not None
     sentence = i18n.text(key, **record.message_params)
-    return events(kit)[-1] == sentence == found["text"]["en"]
+    return kit.event_texts("waiver")[-1] == sentence == found["text"]["en"]
 
 
 async def start(kit: ServiceKit) -> None:
@@ -224,7 +220,11 @@ def test_a_test_that_was_disturbed_records_nothing_and_stops_the_drive(what: str
             await asyncio.sleep(15)
             found = await comm_loss(kit)
             assert found["tested"] is None and found["test"] is None and found["kind"] == "unknown"
-            (void,) = [text for text in events(kit) if text.startswith("no result of the communication-loss test")]
+            (void,) = [
+                text
+                for text in kit.event_texts("waiver")
+                if text.startswith("no result of the communication-loss test")
+            ]
             assert ("still ran after" in void and "the silence ended early" in void) is (what in ("read", "early"))
             assert not kit.station("fan-1").motor.energised
             assert (await kit.call("drives.get", drive="fan-1"))["state"] == "stopped", "it is polled again"
@@ -252,7 +252,7 @@ def test_a_drive_is_called_unanswering_after_the_silence_only_at_the_end_of_the_
                 adapter.replug()
             await wait_for_end(kit)
             why = i18n.text("plant.comm_loss_no_reply", "en", drive="fan-1", seconds=120.0)
-            assert [why in text for text in events(kit)] == [gone_s == 150.0]
+            assert [why in text for text in kit.event_texts("waiver")] == [gone_s == 150.0]
             assert ((await comm_loss(kit))["tested"] is None) is (gone_s == 150.0)
 
     run(scenario())
@@ -267,12 +267,12 @@ def test_a_drive_that_only_accelerates_is_not_tested() -> None:
             await run_comm_loss_test(kit)
             why = i18n.text("plant.comm_loss_not_turning", "en", drive="fan-1")
             found = await comm_loss(kit)
-            assert [why in text for text in events(kit)] == [True] and found["tested"] is None
+            assert [why in text for text in kit.event_texts("waiver")] == [True] and found["tested"] is None
             assert why in found["no_result"]["en"]
             kit.station("fan-1").set_ramps(1.0, 1.0)
             await run_comm_loss_test(kit)
             assert (await comm_loss(kit))["no_result"] is None
-            assert [why in text for text in events(kit)] == [True, False]
+            assert [why in text for text in kit.event_texts("waiver")] == [True, False]
 
     run(scenario())
 
@@ -287,11 +287,13 @@ def test_a_drive_that_stops_while_it_is_polled_ends_the_test_with_this_reason() 
             begun_at = kit.service.plant.now()
             await run_comm_loss_test(kit)
             why = i18n.text("plant.comm_loss_off_before", "en", drive="fan-1")
-            assert [why in text for text in events(kit)] == [True] and (await comm_loss(kit))["tested"] is None
+            assert [why in text for text in kit.event_texts("waiver")] == [True] and (await comm_loss(kit))[
+                "tested"
+            ] is None
             assert kit.service.plant.now() - begun_at < 30.0
             set_keypad(kit, STOP, 3.0)
             await run_comm_loss_test(kit)
-            assert [why in text for text in events(kit)] == [True, False]
+            assert [why in text for text in kit.event_texts("waiver")] == [True, False]
 
     run(scenario())
 
@@ -356,7 +358,7 @@ def test_a_record_survives_a_restart_and_is_ignored_for_another_drive_of_its_nam
             await asyncio.sleep(8)
             await start(kit)
         async with running_service(OTHER_MODEL, store=store) as kit:
-            assert any("made on another drive" in text and BUSES[0].port in text for text in events(kit))
+            assert any("made on another drive" in text and BUSES[0].port in text for text in kit.event_texts("waiver"))
             assert (await comm_loss(kit))["tested"] is None
         async with running_service(store=store) as kit:
             set_keypad(kit, TRIP, 5.0)
@@ -381,7 +383,7 @@ def test_a_result_that_can_not_be_written_into_the_audit_trail_counts_for_nothin
             await wait_for_end(kit)
             kit.trail.broken = False
             assert (await comm_loss(kit))["tested"] is None and kit.store.get("comm-loss/fan-1") is None
-            assert AuditUnavailable("plant.audit_unavailable").text("en") in events(kit)[-1]
+            assert AuditUnavailable("plant.audit_unavailable").text("en") in kit.event_texts("waiver")[-1]
 
     run(scenario())
 

@@ -229,7 +229,7 @@ def test_a_follower_whose_lease_ends_while_its_leader_is_commanded_is_reported()
             assert (left["kind"], left["params"]["drive"]) == ("ControlNotHeld", "fan-2")
             assert targets(kit) == [30.0, 10.0]
             assert kit.trail.entries[-1].outcome == "acknowledged, plant.not_owner"
-            texts = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
+            texts = kit.event_texts()
             assert any("does not follow its leader: eve has control of fan-2" in text for text in texts)
 
     run(scenario())

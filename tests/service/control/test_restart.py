@@ -153,7 +153,7 @@ def test_an_interlock_stops_a_running_drive_and_blocks_its_start() -> None:
 
 
 def trip_announcements(kit: ServiceKit) -> list[str]:
-    events = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
+    events = kit.event_texts()
     return [text for text in events if "Fan 1 first" in text and "stop request" in text]
 
 

@@ -194,7 +194,7 @@ def test_a_bus_stop_of_a_plant_without_drives_is_not_called_a_stop_of_drives() -
         async with running_service(config) as kit:
             await asyncio.sleep(5)
             await kit.call("plant.stop")
-            return str([event["text"]["en"] for _, event in kit.service.plant.hub.items("events")][-1])
+            return str(kit.event_texts()[-1])
 
     empty, whole = run(scenario(plant_config(drives=(), groups=()))), run(scenario(plant_config()))
     assert empty == i18n.text("plant.did_stop_all_no_drives", "en")

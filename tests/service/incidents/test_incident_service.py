@@ -75,14 +75,14 @@ def test_the_event_of_a_fault_has_its_label_once() -> None:
         config = plant_config(buses=(*BUSES, BusConfig("c", "sim://dzb100@1")), drives=(*DRIVES, saw))
         async with running_service(config) as kit:
             await asyncio.sleep(5)
-            assert fault_events(kit) == []
+            assert kit.event_texts("fault") == []
             for drive in ("fan-1", "saw"):
                 kit.station(drive).trip(Trip.OVERHEAT)
             await asyncio.sleep(4)
             found = {drive: (await kit.call("drives.get", drive=drive))["fault"] for drive in ("fan-1", "saw")}
             [with_label, other] = found.values()
             assert with_label["label"] in with_label["text"]["en"] and other["label"] not in other["text"]["en"]
-            assert sorted(fault_events(kit)) == sorted(
+            assert sorted(kit.event_texts("fault")) == sorted(
                 [
                     i18n.text("plant.drive_fault_says", "en", fault=with_label["text"]["en"]),
                     i18n.text("plant.drive_fault", "en", label=other["label"], fault=other["text"]["en"]),
@@ -90,10 +90,6 @@ def test_the_event_of_a_fault_has_its_label_once() -> None:
             )
 
     run(scenario())
-
-
-def fault_events(kit: ServiceKit) -> list[str]:
-    return [event["text"]["en"] for _, event in kit.service.plant.hub.items("events") if event["kind"] == "fault"]
 
 
 def test_a_trip_raises_an_alarm_with_an_incident_of_the_minute_before(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ def test_a_bus_that_opens_with_the_service_publishes_no_event() -> None:
         async with running_service() as kit:
             await asyncio.sleep(10)
             assert [(await kit.call("buses.get", bus=bus))["is_open"] for bus in ("a", "b")] == [True, True]
-            texts = [event["text"]["en"] for _, event in kit.service.plant.hub.items("events")]
+            texts = kit.event_texts()
             assert not [text for text in texts if text.startswith("bus ")]
 
     run(scenario())
