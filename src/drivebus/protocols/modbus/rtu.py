@@ -21,7 +21,6 @@ from drivebus.protocols.modbus.messages import (
     ModbusReply,
     ModbusRequest,
     ReadRegisters,
-    RegisterValues,
 )
 
 ErrorForm = Literal["exception", "short"]
@@ -81,7 +80,6 @@ class ModbusRtuCodec:
         self.rejected_read = rejected_read
         """Registers of a read that exception 03 alone answers, and no other read (Toshiba VF-S11: 2); 0 for none."""
         self._short_errors = error_form == "short"
-        self._reads_plainly = count_bytes == 1 and not rejected_read
 
     def encode_request(self, request: ModbusRequest, /) -> bytes:
         """Return the frame of a request. Raises ValueError for a field out of range."""
@@ -96,11 +94,6 @@ class ModbusRtuCodec:
         """Decode the reply to ``request``. Raises ProtocolError; AddressError has ``size`` for a foreign frame."""
         if len(data) < EXCEPTION_FRAME_SIZE:
             return _INCOMPLETE_REPLY
-        if self._reads_plainly and type(request) is ReadRegisters:  # nearly every reply, in half the time
-            address, function, count, size = request.address, request.function, request.count, len(data)
-            is_plain = data[0] == address != BROADCAST and data[1] == function and data[2] == 2 * count == size - 5
-            if is_plain and _frame_crc(data) == 0:
-                return Complete(RegisterValues(address, function, pdu.WORD_STRUCTS[count].unpack_from(data, 3)), size)
         if self._short_errors and data[2] == 0 and data[1] in ECHO_FUNCTIONS:
             result = self._short_error(request, data)
             if result is not None:
