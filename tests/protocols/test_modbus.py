@@ -848,17 +848,29 @@ def test_exception_03_is_the_whole_reply_to_a_rejected_read() -> None:
     assert REJECTING.reply_size(ReadRegisters(1, 0xFD00, 1)) == 7
 
 
-@pytest.mark.parametrize("octets", ["01 83 01", "01 83 02", "01 83 04", "01 03 02 17 70", "01 03 04 17 70 00 00"])
-def test_nothing_else_is_a_reply_to_a_rejected_read(octets: str) -> None:
-    with pytest.raises((CodeError, LengthError)):
+@pytest.mark.parametrize(
+    ("octets", "key", "expected", "found"),
+    [
+        ("01 83 01", "modbus.exception_code", 3, 1),
+        ("01 83 02", "modbus.exception_code", 3, 2),
+        ("01 83 04", "modbus.exception_code", 3, 4),
+        ("01 03 02 17 70", "modbus.byte_count", 4, 2),
+        ("01 03 04 17 70 00 00", "modbus.exception_code", 3, 0),
+    ],
+)
+def test_nothing_else_is_a_reply_to_a_rejected_read(octets: str, key: str, expected: int, found: int) -> None:
+    with pytest.raises((CodeError, LengthError)) as caught:
         REJECTING.decode_reply(PROBE, frame(REJECTING, octets))
+    assert (caught.value.key, caught.value.expected, caught.value.found) == (key, expected, found)
 
 
 def test_exception_03_is_no_reply_to_any_other_read() -> None:
     """It would be the late reply to a rejected read."""
     late, asked = frame(REJECTING, "01 83 03"), ReadRegisters(1, 0xFD00, 1)
-    with pytest.raises(CodeError):
+    with pytest.raises(CodeError) as caught:
         REJECTING.decode_reply(asked, late)
+    assert (caught.value.key, caught.value.found) == ("modbus.exception_code", 3)
+    assert caught.value.expected == ("1-2", "4-8", "10", "11")
     for code in (1, 2, 4):
         assert REJECTING.decode_reply(asked, frame(REJECTING, f"01 83 0{code}")) == Complete(
             ExceptionReply(1, 3, code), 5
