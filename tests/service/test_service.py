@@ -260,6 +260,27 @@ def test_a_name_that_the_model_lacks_is_refused_with_similar_names_and_the_other
     run(scenario())
 
 
+def test_the_search_for_names_like_64_unknown_ones_leaves_turns_of_the_loop_to_others() -> None:
+    """It took up to 40 ms at once, in which no bus sends and no stop begins."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            turns = 0
+
+            async def count_turns() -> None:
+                nonlocal turns
+                while True:
+                    await asyncio.sleep(0)
+                    turns += 1
+
+            counting = asyncio.create_task(count_turns())
+            found = await kit.call("parameters.read", drive="fan-1", names=[f"nothing-{n}" for n in range(64)])
+            counting.cancel()
+            assert len(found["refused"]) == 64 and turns >= 30
+
+    run(scenario())
+
+
 def test_the_identity_of_a_c320_is_read_and_a_model_without_one_is_refused() -> None:
     async def scenario() -> None:
         async with running_service() as kit:

@@ -6,7 +6,7 @@ from drivebus import profiles
 from drivebus.errors import CapabilityError, NotFound, ProfileError
 from drivebus.profiles.listing import list_models
 from drivebus.profiles.load import model_name
-from drivebus.profiles.notation import find_entries
+from drivebus.profiles.notation import find_entry
 from drivebus.service.api.errors import error_to_json
 from drivebus.service.api.frames import frame_json
 from drivebus.service.api.handlers import handles
@@ -45,6 +45,8 @@ from drivebus.service.live.views import text_json
 from drivebus.service.runtime.fairness import ITEMS_PER_TURN, iter_cooperatively, yield_to_loop
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
+
+NAMES_PER_TURN = 2  # the similar names of an unknown one take 0.7 ms
 
 
 class Queries:
@@ -153,12 +155,16 @@ class Queries:
     @handles(PARAMETERS_READ)
     async def read_parameters(self, params: ParameterReadParams, actor: Actor) -> Json:
         drive = self.plant.drive_runtime(params.drive)
-        entries, unknown = find_entries(drive.profile, params.names)
-        readings = await drive.drive.read(entries) if entries else {}
-        return {
-            "parameters": readings_json(drive.profile, readings),
-            "refused": {name: error_to_json(error) for name, error in unknown.items()},
-        }
+        known: list[str] = []
+        refused: Json = {}
+        async for name in iter_cooperatively(params.names, NAMES_PER_TURN):
+            try:
+                find_entry(drive.profile, name)
+                known.append(name)
+            except ProfileError as error:
+                refused[name] = error_to_json(error)
+        readings = await drive.drive.read(known) if known else {}
+        return {"parameters": readings_json(drive.profile, readings), "refused": refused}
 
     # --- history and audit trail ----------------------------------------------------------------------------------
 
