@@ -687,6 +687,16 @@ def test_a_control_register_of_a_silent_drive_is_not_written() -> None:
     assert not bench.writes()
 
 
+def test_a_parameter_that_cannot_be_compared_before_it_is_saved_is_not_written_and_named_with_the_reason() -> None:
+    """It was said to be unknown whether the drive accepts commands from the bus, which F1.10 does not tell."""
+    bench = ParameterBench("c320", FakeC320(silent=True))
+    with pytest.raises(PreflightError) as caught:
+        bench.write({"F1.10": 1.0}, save=True)
+    assert caught.value.key == "drives.setting_unread"
+    assert caught.value.params["notation"] == "F1.10" and str(caught.value.params["problem"])
+    assert not bench.writes()
+
+
 def test_a_control_register_is_not_saved() -> None:
     bench = ParameterBench("vc660", FakeModbus())
     with pytest.raises(CapabilityError) as caught:

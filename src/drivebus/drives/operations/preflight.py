@@ -26,7 +26,8 @@ def read_preflight(op: OperationContext) -> DriveOperation[Preflight]:
         if condition.unreadable is not None:
             unreadable.append((condition.notation, condition.unreadable))
             continue
-        reply = yield from read_parameter_reply(op, op.dialect.profile.parameters[condition.notation])
+        parameter = op.dialect.profile.parameters[condition.notation]
+        reply = yield from read_parameter_reply(op, parameter, "drives.preflight_unread")
         raw = op.dialect.parameter_raw(reply)
         if raw in condition.accepted:
             satisfied.append(condition.notation)
@@ -77,11 +78,11 @@ def ensure_preflight(op: OperationContext) -> DriveOperation[Preflight]:
 
 def read_raw_parameter(op: OperationContext, parameter: Parameter) -> DriveOperation[int | None]:
     """Return the raw word of a parameter, None where it is rejected. Raises PreflightError without a reply."""
-    return op.dialect.parameter_raw((yield from read_parameter_reply(op, parameter)))
+    return op.dialect.parameter_raw((yield from read_parameter_reply(op, parameter, "drives.setting_unread")))
 
 
-def read_parameter_reply(op: OperationContext, parameter: Parameter) -> DriveOperation[Any]:
-    """Return the reply to the read of a parameter. Raises PreflightError without one."""
+def read_parameter_reply(op: OperationContext, parameter: Parameter, error_key: str) -> DriveOperation[Any]:
+    """Return the reply to the read of a parameter. Raises PreflightError with ``error_key`` without one."""
     request = op.dialect.read_parameter(parameter)
     error: DrivebusError | None = None
     if op.dialect.needs_sync(request):
@@ -92,9 +93,7 @@ def read_parameter_reply(op: OperationContext, parameter: Parameter) -> DriveOpe
             return result.reply
         error = result.error if isinstance(result.error, DrivebusError) else None
     problem = Text.per_language(error.text) if error is not None else ""
-    raise PreflightError(
-        "drives.preflight_unread", station=op.dialect.address, notation=parameter.notation, problem=problem
-    ) from error
+    raise PreflightError(error_key, station=op.dialect.address, notation=parameter.notation, problem=problem) from error
 
 
 def _check_identity_code(op: OperationContext) -> DriveOperation[None]:
