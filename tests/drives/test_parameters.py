@@ -688,7 +688,7 @@ def test_a_control_register_of_a_silent_drive_is_not_written() -> None:
 
 
 def test_a_parameter_that_cannot_be_compared_before_it_is_saved_is_not_written_and_named_with_the_reason() -> None:
-    """It was said to be unknown whether the drive accepts commands from the bus, which F1.10 does not tell."""
+    """The error was about the source of commands, with which F1.10 has nothing to do."""
     bench = ParameterBench("c320", FakeC320(silent=True))
     with pytest.raises(PreflightError) as caught:
         bench.write({"F1.10": 1.0}, save=True)
