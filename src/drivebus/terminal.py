@@ -2,12 +2,29 @@
 
 from __future__ import annotations
 
+import codecs
 import errno
 import os
 import stat
 import sys
 from contextlib import suppress
 from typing import TextIO
+
+_PLAIN_CHARACTERS = {"·": "-", "–": "-", "…": "...", "→": "->", "≤": "<=", "“": '"', "”": '"', "°": "deg"}
+"""ASCII characters that stand for those of the English texts."""
+
+
+def encode_plainly(error: UnicodeError) -> tuple[str, int]:
+    """Return what stands for a character that the encoding of a stream lacks: ASCII characters, else its escape."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    character = error.object[error.start]
+    plain = _PLAIN_CHARACTERS.get(character) or character.encode("ascii", "backslashreplace").decode("ascii")
+    return plain, error.start + 1
+
+
+PLAIN_ENCODING = "drivebus.plain"  # name of ``encode_plainly`` as the error handler of a stream
+codecs.register_error(PLAIN_ENCODING, encode_plainly)
 
 
 def open_missing_streams() -> None:

@@ -28,6 +28,7 @@ class BackgroundStream:
         """``stream``: with a descriptor, to which it writes. Raises OSError without one."""
         stream.flush()
         self._descriptor, self._encoding = stream.fileno(), stream.encoding
+        self._errors = "backslashreplace" if stream.errors in (None, "strict") else stream.errors
         self._changed = threading.Condition()
         self._queue: deque[bytes] = deque()  # the first one is being written
         self._error: OSError | None = None  # of a write, until it is raised
@@ -43,7 +44,7 @@ class BackgroundStream:
         """Write a text, or queue it where the stream is blocked. Raises the OSError of this or of an earlier write."""
         with self._changed:
             was_blocked = self.is_blocked
-            self._queue.append(text.encode(self._encoding, "backslashreplace"))
+            self._queue.append(text.encode(self._encoding, self._errors))
             self._changed.notify_all()
             if not was_blocked:
                 self._changed.wait_for(lambda: not self._queue, WRITE_TIMEOUT_S)

@@ -17,7 +17,7 @@ from click.shell_completion import CompletionItem
 
 from drivebus.cli import errors, output
 from drivebus.cli.stop_errors import note_no_stop
-from drivebus.terminal import discard_output
+from drivebus.terminal import PLAIN_ENCODING, discard_output
 
 _MAX_HELP_CELLS = 100
 _MIN_HELP_CELLS = 50
@@ -359,7 +359,6 @@ class LazyGroup(_LocalizedHelp, click.Group):
     def main(self, args: Sequence[str] | None = None, *rest: Any, **named: Any) -> Any:
         """Run, and end the process with the exit code of the outcome."""
         arguments = list(sys.argv[1:] if args is None else args)
-        _escape_unencodable()
         if arguments[:1] == ["help"]:
             arguments = [*arguments[1:], "--help"]
         # In a context of its own, so that ``--lang`` and ``--json`` end with the invocation.
@@ -367,6 +366,7 @@ class LazyGroup(_LocalizedHelp, click.Group):
 
     def _run_to_exit_code(self, arguments: list[str], *rest: Any, **named: Any) -> int:
         output.parse_global_options(arguments)
+        _escape_unencodable()
         try:
             code = self._run_with_errors(arguments, *rest, **named)
             if code not in (errors.ExitCode.DONE, errors.ExitCode.INTERRUPTED):
@@ -432,8 +432,8 @@ def _help_cells() -> int:
 
 
 def _escape_unencodable() -> None:
-    """Print an escape for a character that the terminal cannot encode, instead of failing."""
+    """Print what stands for a character that the terminal cannot encode, instead of failing; JSON has its escape."""
     for stream in (sys.stdout, sys.stderr):
         reconfigure = getattr(stream, "reconfigure", None)
         if reconfigure is not None:
-            reconfigure(errors="backslashreplace")
+            reconfigure(errors="backslashreplace" if output.as_json() else PLAIN_ENCODING)
