@@ -18,6 +18,8 @@ MAX_MARKS = 5  # of one letter, as in Burmese; more of them would cover other li
 _DIACRITICS = frozenset("\u0300\u0301\u0302\u0303\u0304\u0306\u0308\u0309\u030a\u030b\u030c\u0323\u0326\u0327\u0328")
 """Marks that each Latin, Greek or Cyrillic letter may have: none that its dot hides or that crosses it out."""
 _WITH_DIACRITICS = frozenset({"LATIN", "GREEK", "CYRILLIC"})
+_VOWELS_AM = (("\u0e4d\u0e32", "\u0e33"), ("\u0ecd\u0eb2", "\u0eb3"))
+"""A vowel of Thai and of Lao that NFKC takes apart: with a tone mark its parts are drawn in another place."""
 _INVISIBLE = re.compile(f"[{INVISIBLE_RANGES}]")
 _EAST_ASIAN = frozenset(
     {"LATIN", "CJK", "HIRAGANA", "KATAKANA", "HANGUL", "BOPOMOFO", "IDEOGRAPHIC", "KATAKANA-HIRAGANA"}
@@ -27,7 +29,10 @@ _EAST_ASIAN = frozenset(
 
 def normalized_name(name: str) -> str:
     """Return the common spelling of names that are meant to be the same (NFKC, case folded)."""
-    return unicodedata.normalize("NFKC", name).casefold()
+    folded = unicodedata.normalize("NFKC", name).casefold()
+    for parts, letter in _VOWELS_AM:
+        folded = folded.replace(parts, letter)
+    return folded
 
 
 def appearance(name: str) -> str:
