@@ -8,7 +8,9 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from drivebus.cli.errors import ExitCode
+from drivebus import i18n
+from drivebus.cli import output
+from drivebus.cli.errors import ExitCode, error_hint
 from drivebus.cli.main import cli
 from drivebus.cli.scan_output import announce_scan, print_scan
 from drivebus.cli.scanning import ScanRequest
@@ -39,6 +41,7 @@ def test_the_json_of_a_scan_whose_port_is_lost_is_one_document_with_what_was_fou
     document = json.loads(found.stdout)
     assert [drive["address"] for drive in document["found"]] == [3]
     assert (document["error"]["key"], document["exit"], found.exit_code) == ("ports.lost", 1, 1)
+    assert "Check the adapter's plug and supply" in document["error"]["hint"], "the loss alone is no next step"
 
 
 def test_a_scan_whose_port_is_lost_prints_what_was_found_and_the_error() -> None:
@@ -94,3 +97,8 @@ def test_the_advice_after_a_scan_without_a_drive_fits_the_terminal(
     print_scan("sim://vc660@3", scan.ScanProgress(total_s=1.0, done_s=1.0), None, ExitCode.FAILED)
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("No drive answered.") and max(map(len, lines)) <= 40, lines
+
+
+def test_the_end_of_a_replayed_capture_is_not_answered_with_the_plug_of_an_adapter() -> None:
+    lost = PortLost("ports.lost", port="replay:///trip.dbcap", reason=PortLost("ports.capture_end"))
+    assert error_hint(lost) == i18n.text("hint.ports.capture_end", output.language())

@@ -56,6 +56,7 @@ _HINTS_OF_VALUES = {
     ("drives.state_forbids", "fault"): "hint.drives.state_forbids_fault",
     ("drives.state_forbids", "paused"): "hint.drives.state_forbids_paused",
     ("drives.state_forbids", "stopped"): "hint.drives.state_forbids_stopped",
+    ("ports.lost", "end of the capture"): "hint.ports.capture_end",
     ("ports.url", "drivebus ports"): "hint.ports.url_name",
     ("ports.scheme", "http"): "hint.ports.scheme_http",
     ("ports.scheme", "https"): "hint.ports.scheme_http",
@@ -63,6 +64,8 @@ _HINTS_OF_VALUES = {
 """Hints of an error with this value of a parameter."""
 _SHARED_HINTS = {
     "bus.line_errors": "damaged_reply",
+    "bus.not_open": "drives.stop_not_sent_port",
+    "drives.command_port_lost": "drives.stop_not_sent_port",
     "drives.duplicate": "bus.second_reply",
     "drives.confirm_inputs": "drives.confirm_address",
     "drives.confirm_reply_delay": "drives.confirm_address",
@@ -70,8 +73,11 @@ _SHARED_HINTS = {
     "drives.confirm_source": "drives.confirm_address",
     "drives.eeprom_clock": "drives.eeprom_budget",
     "drives.stop_rejected_running": "drives.stop_rejected",
+    "drives.write_port_lost": "drives.stop_not_sent_port",
     "plant.waiver_needed_tested": "plant.waiver_needed",
     "plant.waiver_of_another": "plant.waiver_needed",
+    "ports.lost": "drives.stop_not_sent_port",
+    "ports.not_open": "drives.stop_not_sent_port",
 }
 """Errors with the same remedy as another one."""
 _DAMAGED_REPLIES = (
