@@ -62,7 +62,7 @@ class ErrorScope(StrEnum):
     CONFIGURATION = "configuration"
 
 
-_NUMBERLESS_ERRORS = {TimeoutError: "timeout", ConnectionResetError: "closed"}
+_NUMBERLESS_ERRORS = {TimeoutError: "timeout", ConnectionResetError: "closed", FileExistsError: "eexist"}
 """Classes that Python's own libraries raise without an error number, to the end of the key of their sentence."""
 
 

@@ -268,3 +268,21 @@ def test_a_damaged_reply_is_answered_with_a_second_master_and_the_setting_for_an
     url = re.search(r"serial:///[^)）\s]+", hint)
     assert url is not None
     assert parse_port_url(url[0]).options == {"echo": "on"}
+
+
+@pytest.mark.parametrize(
+    ("words", "shown"),
+    [
+        ("user token", ["default: view; e.g. --right", "default: 90; e.g. --days"]),
+        ("loopback", ["default: 10; e.g. --count"]),
+        ("scan", ["default: 2; e.g. --listen-seconds"]),
+        ("demo", ["default: 8080; e.g. --port"]),
+        ("acceptance", ["default: 5; e.g. --frequency", "default: .; e.g. --folder"]),
+    ],
+)
+def test_the_help_of_an_option_has_the_value_that_it_has_without_it(words: str, shown: list[str]) -> None:
+    """A token was made for 90 days and one right, and a scan listened for 2 s, without a word about it."""
+    text = " ".join(CliRunner().invoke(cli, [*words.split(), "--help", "--lang", "en"]).output.split())
+    assert all(part in text for part in shown)
+    zh = CliRunner().invoke(cli, [*words.split(), "--help", "--lang", "zh"]).output
+    assert "".join(zh.split()).count("默认") >= len(shown)

@@ -10,6 +10,7 @@ from contextlib import nullcontext
 from contextvars import ContextVar, copy_context
 from importlib import import_module
 from itertools import zip_longest
+from pathlib import Path
 from typing import Any
 
 import click
@@ -129,9 +130,20 @@ class Option(_FileCompletion, click.Option):
         return words_left
 
     def help_text(self) -> str:
-        """Return the explanation and the example."""
+        """Return the explanation, the default and the example."""
         text = output.text(self.key)
-        return text + output.text("cli.for_example", example=self.example) if self.example else text
+        if not self.example:
+            return text
+        default = self._default_text()
+        key = "cli.default_and_example" if default else "cli.for_example"
+        return text + output.text(key, default=default, example=self.example)
+
+    def _default_text(self) -> str:
+        """Return the default as it is typed; nothing for a flag, and without a default."""
+        values = self.default if isinstance(self.default, list) else [self.default]
+        if self.is_flag or not all(isinstance(value, str | int | float | Path) for value in values):
+            return ""
+        return output.join([f"{value:g}" if isinstance(value, float) else str(value) for value in values], "items")
 
     def _require_values(self, ctx: click.Context, values: list[Any]) -> None:
         """Raise BadOptionUsage where the value is the next option of the command: the value of this one is missing."""
