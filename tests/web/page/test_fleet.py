@@ -436,6 +436,19 @@ def test_stations_of_a_large_group_are_counted(scripts: Any) -> None:
     assert found["text"] == "on station 0 to 29: refused"
 
 
+@pytest.mark.parametrize(("language", "expected"), [("en", "all 3 drives may keep"), ("zh", "全部 3 台可能")])
+def test_a_sentence_about_all_drives_of_a_group_has_their_number(scripts: Any, language: str, expected: str) -> None:
+    """Regression: each reason of a group of 30 began with the same eight names and "and 22 more"."""
+    scripts.evaluate("(name) => import('/static/js/i18n.js').then((m) => m.loadLanguage(name))", language)
+    text = "{ en: `d${n} may keep running`, zh: `d${n} 可能继续运行` }"
+    item = f"{{ id: `d${{n}}`, key: 'k', params: {{ drive: `d${{n}}` }}, text: {text} }}"
+    for total, is_all in ((3, True), (4, False)):
+        call_of = f"m.mergeSentences(Array.from({{ length: 3 }}, (_, n) => ({item})), {total})"
+        (found,) = call(scripts, "control/merge-sentences", call_of)
+        assert (expected in found["text"]) is is_all
+    scripts.evaluate("import('/static/js/i18n.js').then((m) => m.loadLanguage('en'))")
+
+
 def test_many_stations_without_consecutive_numbers_are_counted(scripts: Any) -> None:
     """The number of the others is that of the drives, also where some of them are a range."""
     scripts.evaluate("import('/static/js/i18n.js').then((m) => m.loadLanguage('en'))")

@@ -10,25 +10,29 @@ const MEASURED_PARAMETERS = ["error_percent"];
 /** All other parameters must be equal for sentences to be one. */
 const MERGED_PARAMETERS = [...DRIVE_PARAMETERS, ...MEASURED_PARAMETERS];
 
-/** Equal sentences of several drives as one: `items` are {id, key, params, text}; the result is [{ids, text, isNamed}], and
- * `isNamed` says that the text has the names of the drives. */
-export function mergeSentences(items) {
+/** Equal sentences of several drives as one: `items` are {id, key, params, text}; the result is [{ids, names, text, isNamed}],
+ * and `isNamed` says that the text has the names of the drives. Of `total` drives all have no names but their number. */
+export function mergeSentences(items, total = null) {
   const groups = new Map();
   for (const one of items) {
     const others = Object.entries(one.params ?? {}).filter(([name]) => !MERGED_PARAMETERS.includes(name));
     const alike = JSON.stringify([one.key, others]);
     groups.set(alike, [...(groups.get(alike) ?? []), one]);
   }
-  return [...groups.values()].map((alike) => ({ ids: alike.map(({ id }) => id), ...mergedText(alike) }));
+  return [...groups.values()].map((alike) => {
+    const ids = [...new Set(alike.map(({ id }) => id))];
+    const names = ids.length > 1 && ids.length === total ? t("page.all_drives", { n: total }) : listDrives(ids);
+    return { ids, names, ...mergedText(alike, names) };
+  });
 }
 
-function mergedText(alike) {
+function mergedText(alike, names) {
   const [{ params }] = alike;
   const text = MEASURED_PARAMETERS.reduce((sentence, name) => withRange(sentence, alike, name), localized(alike[0].text));
   const found = DRIVE_PARAMETERS.find((name) => params?.[name] !== undefined && text.includes(String(params[name])));
   if (!found) return { text, isNamed: false };
   const isNamed = found === "drive";
-  const own = isNamed ? listDrives(alike.map(({ id }) => id)) : listStations(alike, found);
+  const own = isNamed ? names : listStations(alike, found);
   return { text: replaced(text, String(params[found]), own), isNamed };
 }
 

@@ -16,12 +16,12 @@ import { ArmStart } from "../control/arm-start.js";
 import { kindsOf } from "./fleet-filter.js";
 import { mergeSentences } from "../control/merge-sentences.js";
 import { AskForControlButton, ReleaseButton, WaiverButton } from "../control/selection.js";
-import { driveTitle, groupTitle, listDrives } from "../titles.js";
+import { driveTitle, groupTitle } from "../titles.js";
 
 const GROUP_TIMEOUT_MS = 300_000;
 
-const Merged = ({ ids, text, isNamed }) => html`<li title=${ids.map(driveTitle).join(t("language.between_items"))}>${!isNamed && html`<b>
-  ${listDrives(ids)}</b>${t("page.colon")}`}${withCommands(text)}</li>`;
+const Merged = ({ ids, names, text, isNamed }) => html`<li title=${ids.map(driveTitle).join(t("language.between_items"))}>${!isNamed && html`<b>
+  ${names}</b>${t("page.colon")}`}${withCommands(text)}</li>`;
 
 /** Outcome of each drive of a group; equal ones are one. */
 function Outcomes({ outcomes }) {
@@ -55,9 +55,9 @@ function blockersOf({ start_blockers, id, presence, state }, { id: group, leader
   return [...blockers, { id, key: "plant.member_offline", params, text: t("plant.member_offline", params) }];
 }
 
-function Blocked({ blockers }) {
+function Blocked({ blockers, total }) {
   if (blockers.length === 0) return null;
-  const merged = mergeSentences(blockers);
+  const merged = mergeSentences(blockers, total);
   return html`<${Notice} kind="warning" title=${t("page.group_blocked")}><ul>${merged.map((one) => html`
     <${Merged} key=${one.text} ...${one} />`)}</ul><//>`;
 }
@@ -97,7 +97,7 @@ function Controls({ id, views }) {
       <${AskForControlButton} views=${views} /></div>`}
     ${otherWindow > 0 && html`<p class="hint">${t("page.group_other_window", { n: otherWindow })}</p>`}<${OwnRequests} views=${views} />
     <div class="row"><${ReleaseButton} views=${views} />${may("limit") && html`<${WaiverButton} views=${views} />`}</div>
-    <${Blocked} blockers=${blockers} />
+    <${Blocked} blockers=${blockers} total=${views.length} />
     <div class="row"><${Frequency} label=${t("page.group_frequency")} value=${hertz} onChange=${setHertz}
       limits=${found} onEnter=${() => !cannotSet && !busy && set()} disabled=${!isLive.value} />
       <${Button} disabled=${cannotSet} busy=${busy} onClick=${set}>${t("page.set_frequency")}<//></div>
