@@ -70,6 +70,56 @@ def test_the_stop_bar_leaves_most_of_a_screen_at_four_times_its_size(visit: Any,
     assert page.locator(".stop b").evaluate_all("all => all.filter((one) => one.scrollWidth > one.clientWidth)") == []
 
 
+@pytest.mark.parametrize(("size", "height"), [((360, 225), 88), ((360, 800), 140)])
+def test_the_stop_bar_stays_low_with_a_result_and_the_button_that_releases(
+    stage: Stage, visit: Any, size: tuple[int, int], height: int
+) -> None:
+    """Regression: the button had a row of its own, and at four times its size the bar took two thirds of the screen."""
+    page = visit("#/fleet", size=size)
+    page.locator(".tile").nth(4).wait_for()
+    page.click("[data-stop=all]")
+    page.locator(".stopbar > .button").wait_for()
+    page.locator(".stop-results").wait_for()
+    assert page.locator(".stopbar").bounding_box()["height"] <= height
+    button = page.locator(".stopbar > .button").bounding_box()
+    assert button["height"] >= 40 and button["x"] + button["width"] <= size[0]
+    page.locator(".stop-status.good").wait_for()
+
+
+def test_values_of_tiles_on_a_phone_stand_at_one_height_also_where_one_is_not_known(visit: Any) -> None:
+    """Regression: beside a dash the sparkline took the row of the value, and the tile was a row shorter."""
+    page = visit("#/fleet", size=(360, 800))
+    page.locator(".tile").nth(4).wait_for()
+    page.evaluate("""async () => {
+      const store = await import('/static/js/store.js');
+      const none = { value: null, unit: 'Hz', quality: 'bad', reason: null, source_time_ms: null };
+      const title = { en: 'Fan', zh: '风机' };
+      const topics = { 'drives/fan-1': { title, signals: { output_frequency: none } }, 'drives/fan-2': { title } };
+      store.applyDelta({ topics });
+    }""")
+    page.locator("[data-drive=fan-1] .value.none").wait_for()
+    bottoms = "(one) => Math.round(one.getBoundingClientRect().bottom)"
+    states = page.locator("[data-drive=fan-1] .state, [data-drive=fan-2] .state")
+    assert len({state.evaluate(bottoms) for state in states.all()}) == 1
+
+
+def test_the_title_of_a_cleared_alarm_has_its_place_in_the_strip_of_a_phone(visit: Any) -> None:
+    """Regression: beside the word "cleared" it was "Descali…ng pump" in letters of three lines."""
+    page = visit("#/fleet", size=(360, 800))
+    page.locator(".tile").nth(4).wait_for()
+    page.evaluate("""async () => {
+      const store = await import('/static/js/store.js');
+      const text = { en: 'No usable reply', zh: 'x' };
+      const alarm = (n) => ({ id: `x${n}`, first_id: `x${n}`, kind: `k${n}`, drive: 'fan-1', priority: 'high',
+        title: text, text, cleared_ms: 2, acknowledged_ms: null, shelved_until_ms: null, raised_ms: 1 });
+      store.applyDelta({ topics: { alarms: { active: Array.from({ length: 30 }, (_, n) => alarm(n)) } } });
+    }""")
+    banner = page.locator(".strip .banner.cleared")
+    assert banner.locator("a").first.bounding_box()["width"] >= 100
+    strip, state = page.locator(".strip").bounding_box(), banner.locator(".state").bounding_box()
+    assert strip["y"] <= state["y"] and state["y"] + state["height"] <= strip["y"] + strip["height"]
+
+
 LONGEST = {language: i18n.text("demo.story.unplug", language, bus="B") for language in i18n.LANGUAGES}
 PLACES = """() => [...document.querySelectorAll('main :is(button, a), .stopbar button')]
   .filter((one) => one.offsetParent).map((one) => Math.round(one.getBoundingClientRect().top))"""
@@ -101,3 +151,32 @@ def test_a_notice_of_the_service_covers_nothing_and_its_end_moves_nothing(
         stage.service.plant.notice = None
     go_to(page, "buses")
     place.wait_for(state="detached")
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_lost_connection_moves_no_button_on_a_phone(stage: Stage, visit: Any, language: str) -> None:
+    """Regression: beside "no live connection" the button of the menu took a second row, and all drives moved down."""
+    page = visit("#/fleet", size=(360, 800), language=language)
+    page.locator(".tile").nth(4).wait_for()
+    title = {"en": "Rolling mill, second hall", "zh": "第二轧钢车间的冷却与除鳞系统"}
+    give = "async (title) => (await import('/static/js/store.js')).applyDelta({ topics: { plant: { title } } })"
+    page.evaluate(give, title)
+    page.locator(".head .plant", has_text=title[language]).wait_for()
+    before = page.evaluate(PLACES), page.locator(".head .menu").bounding_box()
+    stage.lose_server()
+    page.locator(".connection.lost").wait_for()
+    after = page.evaluate(PLACES), page.locator(".head .menu").bounding_box()
+    stage.regain_server()
+    assert after == before
+
+
+def test_the_notice_of_a_lost_connection_covers_a_few_lines_of_a_wide_screen(stage: Stage, visit: Any) -> None:
+    """Regression: it covered two drives of the third row, because its text was a narrow column of eight lines."""
+    page = visit("#/fleet", size=(1440, 900))
+    page.locator(".tile").nth(4).wait_for()
+    stage.lose_server()
+    banner = page.locator(".notices .banner.bad")
+    banner.wait_for()
+    height = banner.bounding_box()["height"]
+    stage.regain_server()
+    assert height <= 150
