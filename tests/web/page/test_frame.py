@@ -27,6 +27,23 @@ def test_the_filters_of_the_fleet_stand_in_one_row(visit: Any, size: tuple[int, 
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_size_of_the_tiles_can_be_read_where_they_are_for_a_wall(visit: Any, language: str) -> None:
+    """Regression: the chosen size was "Wall (from"."""
+    page = visit("#/fleet", size=(1440, 900), language=language)
+    page.locator(".tile").nth(4).wait_for()
+    size = page.get_by_label(i18n.text("page.size", language))
+    size.select_option("wall")
+    # 20 pixels for its arrow
+    assert size.evaluate("""(one) => {
+      const style = getComputedStyle(one);
+      const text = document.createElement('canvas').getContext('2d');
+      text.font = style.font;
+      const width = text.measureText(one.selectedOptions[0].text).width + 2 * parseFloat(style.paddingLeft);
+      return width + 20 <= one.clientWidth;
+    }""")
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
 def test_the_header_of_a_tablet_is_one_row(visit: Any, language: str) -> None:
     """Regression: the account stood below the links, although there was room beside them."""
     page = visit("#/fleet", size=(1180, 820), language=language)
@@ -154,18 +171,20 @@ def test_a_notice_of_the_service_covers_nothing_and_its_end_moves_nothing(
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
-def test_a_lost_connection_moves_no_button_on_a_phone(stage: Stage, visit: Any, language: str) -> None:
+@pytest.mark.parametrize("size", [(360, 800), (1180, 820), (1440, 900)])
+def test_a_lost_connection_moves_no_button(stage: Stage, visit: Any, size: tuple[int, int], language: str) -> None:
     """Regression: beside "no live connection" the button of the menu took a second row, and all drives moved down."""
-    page = visit("#/fleet", size=(360, 800), language=language)
+    page = visit("#/fleet", size=size, language=language)
     page.locator(".tile").nth(4).wait_for()
     title = {"en": "Rolling mill, second hall", "zh": "第二轧钢车间的冷却与除鳞系统"}
     give = "async (title) => (await import('/static/js/store.js')).applyDelta({ topics: { plant: { title } } })"
     page.evaluate(give, title)
     page.locator(".head .plant", has_text=title[language]).wait_for()
-    before = page.evaluate(PLACES), page.locator(".head .menu").bounding_box()
+    places = "all => all.map((one) => [one.getBoundingClientRect()].map(({ x, y }) => [x, y].map(Math.round)))"
+    before = page.evaluate(PLACES), page.locator(".head button").evaluate_all(places)
     stage.lose_server()
     page.locator(".connection.lost").wait_for()
-    after = page.evaluate(PLACES), page.locator(".head .menu").bounding_box()
+    after = page.evaluate(PLACES), page.locator(".head button").evaluate_all(places)
     stage.regain_server()
     assert after == before
 
