@@ -30,7 +30,7 @@ function mergedText(alike, names) {
   const [{ params }] = alike;
   const text = MEASURED_PARAMETERS.reduce((sentence, name) => withRange(sentence, alike, name), localized(alike[0].text));
   const found = DRIVE_PARAMETERS.find((name) => params?.[name] !== undefined && text.includes(String(params[name])));
-  if (!found) return { text, isNamed: false };
+  if (!found || (alike.length === 1 && found !== "drive")) return { text, isNamed: false };
   const isNamed = found === "drive";
   const own = isNamed ? names : listStations(alike, found);
   return { text: replaced(text, String(params[found]), own), isNamed };
