@@ -286,3 +286,13 @@ def test_the_help_of_an_option_has_the_value_that_it_has_without_it(words: str, 
     assert all(part in text for part in shown)
     zh = CliRunner().invoke(cli, [*words.split(), "--help", "--lang", "zh"]).output
     assert "".join(zh.split()).count("默认") >= len(shown)
+
+
+@pytest.mark.parametrize(
+    ("language", "words"), [("en", "addresses without a reply are counted"), ("zh", "无应答的站号只计数")]
+)
+def test_the_help_of_stop_does_not_promise_a_confirmation_of_addresses_without_a_reply(
+    language: str, words: str
+) -> None:
+    """``stop --all PORT`` was to list each address that does not report stopped; it counts those without a reply."""
+    assert words in i18n.text("help.stop.long", language)
