@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import AsyncIterator, Callable, Collection, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import output
@@ -96,13 +98,30 @@ def _convert_like(text: str, like: Any) -> Any:
 def open_port(url: str, profile: DriveProfile, baud: int | None, format: str | None) -> Port:
     """Return the port, not yet opened. The options override the URL, which overrides the profile.
 
-    Raises PortUrlError.
+    Raises PortUrlError, PortUnavailable for the terminal of this command.
     """
     from drivebus import ports
     from drivebus.serial_settings import SerialSettings
 
+    reject_own_terminal(url)
     defaults = SerialSettings.parse(profile.serial.baud, profile.serial.format)
     return ports.open_port(url, baud=baud, format=format, defaults=defaults)
+
+
+def reject_own_terminal(url: str) -> None:
+    """Raise PortUnavailable where the port is the terminal of this command.
+
+    The link of simulated drives that have ended leads to the pty of a terminal that was opened since then.
+    """
+    from drivebus import ports
+    from drivebus.errors import PortUnavailable
+
+    path = ports.parse_port_url(url).path
+    with suppress(OSError):
+        device = Path(path).stat().st_rdev
+        for descriptor in (0, 1, 2):
+            if os.isatty(descriptor) and os.fstat(descriptor).st_rdev == device:
+                raise PortUnavailable("cli.own_terminal", port=path)
 
 
 def note_foreign_settings(settings: SerialSettings, profile: DriveProfile) -> None:

@@ -10,6 +10,7 @@ import click
 
 from drivebus.cli import options, output
 from drivebus.cli.click_ext import Option
+from drivebus.cli.connect import reject_own_terminal
 from drivebus.cli.scan_output import ScanProgressBar, announce_scan, note_unsent
 
 if TYPE_CHECKING:
@@ -121,9 +122,10 @@ class ScanRequest:
         )
 
     def open_port(self, settings: SerialSettings) -> Port:
-        """Return the port with these serial settings, not yet opened."""
+        """Return the port with these serial settings, not yet opened. Raises PortUnavailable for the own terminal."""
         from drivebus import ports
 
+        reject_own_terminal(self.port)
         return ports.open_port(self.port, baud=settings.baud, format=settings.format)
 
 
