@@ -540,3 +540,11 @@ def test_what_keeps_a_related_model_silent_is_among_its_keypad_settings(model: s
     english = " ".join(text.en for text in profiles.load(model).keypad)
     assert "third digit 0" in english and f"{delay}: reply delay, 0 to 1000 ms" in english
     assert ("sends no replies" in english) is (model == "e550")
+
+
+@pytest.mark.parametrize(("model", "notation"), [("vc660", "F06.06"), ("e300", "F4.2"), ("e550", "F4.02")])
+def test_a_drive_with_a_longer_reply_delay_is_called_late_and_not_silent(model: str, notation: str) -> None:
+    """``status`` names its replies as late."""
+    [step] = [step for step in profiles.load(model).keypad if step.en.startswith(notation)]
+    assert "too late" in step.en and "silent" not in step.en
+    assert "迟到" in step.zh and "无应答" not in step.zh
