@@ -120,8 +120,12 @@ def _silent_drives(drives: Sequence[Drive], lost: Sequence[Drive], reports: Iter
 
     Those that are only read first are left out: a second read waits for the quarantine of its address.
     """
-    reported = {address for report in reports for address, _ in report.outcomes} | {drive.address for drive in lost}
-    return [drive for drive in drives if drive.address not in reported and drive.dialect.model_check() is None]
+    accounted_for = _reported_addresses(reports) | {drive.address for drive in lost}
+    return [drive for drive in drives if drive.address not in accounted_for and drive.dialect.model_check() is None]
+
+
+def _reported_addresses(reports: Iterable[StopReport]) -> set[int]:
+    return {address for report in reports for address, _ in report.outcomes}
 
 
 async def _sweep(
@@ -151,8 +155,7 @@ async def _sweep(
 
 def _late_drives(bus: Bus, drives: Sequence[Drive], reports: Iterable[StopReport]) -> list[Drive]:
     """Return the drives that are in no report although frames of them were received outside their transactions."""
-    reported = {address for report in reports for address, _ in report.outcomes}
-    stations = bus.statistics().stations
+    reported, stations = _reported_addresses(reports), bus.statistics().stations
     return [
         drive
         for drive in drives

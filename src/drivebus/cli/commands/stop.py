@@ -39,6 +39,7 @@ from drivebus.types import Json
 from drivebus.user_input import format_addresses, parse_addresses
 
 if TYPE_CHECKING:
+    from drivebus.bus import Bus
     from drivebus.drives import Drive, StopReport
     from drivebus.drives.outcome import Outcome
 
@@ -175,29 +176,33 @@ def _check_addresses(target: Target, addresses: tuple[int, ...]) -> None:
 
 async def _stop_addresses(target: Target, addresses: tuple[int, ...], *, find: bool) -> ExitCode:
     from drivebus.bus import Bus
-    from drivebus.drives import Drive, stop_all_addresses, stop_bus
+    from drivebus.drives import Drive, stop_bus
 
     profile, options = target.profile, target.drive_options()
     with record_port(target.open_port(), target.record, required=target.must_record) as port:
         async with Bus(port) as bus:
             drives = [Drive(bus, profile, each, encoding=target.encoding, options=options) for each in addresses]
-            if find:
-                with output.ProgressBar() as bar:
-                    started_at, last_share = bus.now(), 0.0
-
-                    def show(drive: Drive, share: float) -> None:
-                        nonlocal started_at, last_share
-                        if share < last_share:  # the next round has begun
-                            started_at = bus.now()
-                        last_share, spent_s = share, bus.now() - started_at
-                        bar.update(f"{profile.model} {drive.address:3d}", spent_s, spent_s / share)
-
-                    report = await stop_all_addresses(bus, drives, show)
-            else:
-                report = await stop_bus(bus, drives)
+            report = await (_stop_unknown_addresses(bus, drives) if find else stop_bus(bus, drives))
             for drive in drives:
                 drive.close()
             return _print_report(report, bus.now())
+
+
+async def _stop_unknown_addresses(bus: Bus, drives: list[Drive]) -> StopReport:
+    """Stop the drives that there are among ``drives``, with a progress bar of each round."""
+    from drivebus.drives import stop_all_addresses
+
+    with output.ProgressBar() as bar:
+        round_started_at, last_share = bus.now(), 0.0
+
+        def show(drive: Drive, share: float) -> None:
+            nonlocal round_started_at, last_share
+            if share < last_share:  # the next round has begun
+                round_started_at = bus.now()
+            last_share, spent_s = share, bus.now() - round_started_at
+            bar.update(f"{drive.profile.model} {drive.address:3d}", spent_s, spent_s / share)
+
+        return await stop_all_addresses(bus, drives, show)
 
 
 def _print_report(report: StopReport, now: float) -> ExitCode:

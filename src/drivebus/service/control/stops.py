@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from drivebus.drives import stop_bus
 from drivebus.drives.bus_stop import StopReport
@@ -140,25 +140,34 @@ class StopCommands(PlantListener):
             if all(task.done() for task in stops.values()) and not awaited:
                 break
             await asyncio.sleep(SERVICE_STOP_CHECK_S)
-        outcomes = {
-            runtime.id: task.result() if task.done() else _unfinished(runtime) for runtime, task in stops.items()
-        }
-        for runtime in plant.drives.values():
-            if runtime in stops:
-                request, outcome = requests[runtime], outcomes[runtime.id] or {}
-                status = str(outcome.get("status") or outcome.get("code") or outcome.get("state") or "unknown")
-                frames = outcome.get("frames") or [exchange_json(one) for one in runtime.drive.stop_exchanges]
-                self._record_outcome(runtime, status, frames, request.result() if request.done() else None)
-                continue
-            if runtime.drive.stopping:
-                outcomes[runtime.id] = _unfinished(runtime)
-            elif key := _left_running(runtime):
-                plant.publish_event("not_stopped", runtime.id, key, actor=actor.name)
+        outcomes = self._record_service_stops(stops, requests)
         # The stops have been sent, the records are queued: neither is waited for.
         unfinished = [*stops.values(), *requests.values()]
         for task in unfinished:
             task.cancel()
         await asyncio.gather(*unfinished, return_exceptions=True)
+        return outcomes
+
+    def _record_service_stops(
+        self,
+        stops: Mapping[DriveRuntime, asyncio.Task[Json]],
+        requests: Mapping[DriveRuntime, asyncio.Task[int | None]],
+    ) -> Json:
+        """Record the outcomes of the stops of an ending service and return them; report each drive that may run on."""
+        outcomes: Json = {}
+        for runtime, stop in stops.items():
+            outcome = outcomes[runtime.id] = stop.result() if stop.done() else _unfinished(runtime)
+            reported, request = outcome or {}, requests[runtime]
+            status = str(reported.get("status") or reported.get("code") or reported.get("state") or "unknown")
+            frames = reported.get("frames") or [exchange_json(exchange) for exchange in runtime.drive.stop_exchanges]
+            self._record_outcome(runtime, status, frames, request.result() if request.done() else None)
+        for runtime in self.plant.drives.values():
+            if runtime in stops:
+                continue
+            if runtime.drive.stopping:
+                outcomes[runtime.id] = _unfinished(runtime)
+            elif key := _left_running(runtime):
+                self.plant.publish_event("not_stopped", runtime.id, key, actor=self.service_actor.name)
         return outcomes
 
     async def _record_request(self, runtime: DriveRuntime) -> int | None:

@@ -28,6 +28,8 @@ MAX_INCIDENTS: Final = 200
 MAX_INCIDENT_BYTES: Final = 200 * 1024 * 1024
 """All incidents together; beyond it the oldest are deleted."""
 INCIDENT_FILE: Final = "incident.json"
+SUMMARY_FILE: Final = "summary.json"
+PARAMETERS_FILE: Final = "parameters.json"
 CAPTURE_FILE: Final = "frames.dbcap"
 NOTES_FILE: Final = "notes.json"
 MAX_NOTES: Final = 100
@@ -51,12 +53,13 @@ class IncidentStore:
     def _write(self, drive: str, summary: Json, incident: Json, header: CaptureHeader, frames: WireFrames) -> str:
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         self._remove_partial()
-        id = f"{1 + max((_incident_number(one) for one in self._ids()), default=0):06}-{drive or 'plant'}"
+        number = 1 + max(map(_incident_number, self._ids()), default=0)
+        id = f"{number:06}-{drive or 'plant'}"
         part = self.folder / f".{id}"
         part.mkdir(mode=0o700)
         _write_capture(part / CAPTURE_FILE, header, frames)
         atomic_write_private(part / INCIDENT_FILE, _encode({"id": id, **summary, **incident}))
-        atomic_write_private(part / "summary.json", _encode({"id": id, **summary}))
+        atomic_write_private(part / SUMMARY_FILE, _encode({"id": id, **summary}))
         part.rename(self.folder / id)
         fsync_directory(self.folder)
         self._limit_size()
@@ -64,7 +67,7 @@ class IncidentStore:
 
     def add_parameters(self, id: str, parameters: Mapping[str, Json]) -> None:
         """Add parameters read from the drive afterwards. Raises NotFound, OSError."""
-        atomic_write_private(self._path(id) / "parameters.json", _encode(dict(parameters)))
+        atomic_write_private(self._path(id) / PARAMETERS_FILE, _encode(dict(parameters)))
 
     def add_note(self, id: str, note: Json) -> list[Json]:
         """Add a note and return all, oldest first; beyond ``MAX_NOTES`` the oldest is dropped.
@@ -90,7 +93,7 @@ class IncidentStore:
         if incident is None or not _is_summary(incident):
             raise ServiceError("alarms.incident_damaged", incident=id, file=str(path / INCIDENT_FILE))
         return incident | {
-            "parameters": _read_json(path / "parameters.json"),
+            "parameters": _read_json(path / PARAMETERS_FILE),
             "notes": _read_notes(path / NOTES_FILE),
             **_read_capture(path / CAPTURE_FILE, f"{id}.dbcap"),
         }
@@ -101,7 +104,7 @@ class IncidentStore:
         """Return a page of summaries, newest first. Raises InvalidParameters (cursor), ServiceUnavailable."""
         with self._disk_errors():
             ids = self._ids()
-        summaries = ((_incident_number(id), _read_json(self.folder / id / "summary.json")) for id in reversed(ids))
+        summaries = ((_incident_number(id), _read_json(self.folder / id / SUMMARY_FILE)) for id in reversed(ids))
         wanted = (
             (number, summary)
             for number, summary in summaries
