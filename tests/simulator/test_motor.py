@@ -180,6 +180,16 @@ def test_a_lowered_hanging_load_without_a_brake_resistor_trips_on_over_voltage()
     assert m.trip is Trip.OVERVOLTAGE
 
 
+def test_a_start_while_the_mains_are_too_high_trips_again_after_a_reset() -> None:
+    m = motor()
+    m.mains = 1.5
+    for _ in range(2):
+        m.run(50.0)
+        m.step(0.5)
+        assert m.trip is Trip.OVERVOLTAGE and not m.energised
+        m.reset()
+
+
 def test_overload_trips_after_sixty_seconds_at_one_and_a_half_times_rated_current() -> None:
     torque = math.sqrt((1.5**2 - 0.16) / 0.84)
     m = motor(MotorLoad(constant=torque - 0.02), accel_s=0.5)

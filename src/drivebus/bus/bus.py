@@ -108,7 +108,7 @@ class Bus:
         )
         fast = character_s < FAST_BUS_CHARACTER_S
         self._spins_gaps = loop_timers.precise and self._pausable_port is not None and fast
-        self._pauses_reader = self.core.learns_delays = self._pausable_port is not None and not fast
+        self._pauses_reader = self._pausable_port is not None and not fast
         self._on_port_open()
 
     async def close(self) -> None:
@@ -325,6 +325,7 @@ class Bus:
 
     def _on_port_open(self) -> None:
         self.core.has_line_timing = self.port.capabilities.has_line_timing
+        self.core.learns_delays = self._pauses_reader
         assert self._clock is not None
         self._perform(self.core.on_port_open(self._clock()))
 

@@ -209,7 +209,7 @@ class BusCore:
             stopped = list(self.stations.values()) if prepared.is_broadcast else [prepared.station]
             for older in self.scheduler.supersede(stopped):
                 self._complete(older, Superseded("bus.superseded", station=older.station.address))
-        elif prepared.effect is not NO_EFFECT and (error := prepared.permit_error(now)) is not None:
+        elif (error := prepared.permit_error(now)) is not None:
             return self._reject(bus_request, token, error)
         self.scheduler.enqueue(prepared)
         return self._advance(now)

@@ -291,10 +291,9 @@ class Motor:
             stored = supplied
         elif self.brake_resistor_w > 0.0:
             stored = self._after_brake_chopper(stored, dt)
-        if stored == self._bus_j:
-            return
-        self._bus_j = stored = max(stored, 0.0)
-        self.bus_v = sqrt(2.0 * stored / self._capacity_f)
+        if stored != self._bus_j:
+            self._bus_j = stored = max(stored, 0.0)
+            self.bus_v = sqrt(2.0 * stored / self._capacity_f)
         if self.bus_v > 1.48 * self._nominal_v:
             self.force_trip(Trip.OVERVOLTAGE)
         elif self.energised and not self.ready:

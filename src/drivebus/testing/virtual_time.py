@@ -219,7 +219,7 @@ class VirtualLoop(_EventLoop):
             if heap and heap[0][0] <= self._now:
                 ready.append(timer)
                 break
-            try:
+            try:  # nearly always one timer alone, which needs no queue
                 callback(*timer.args)
             except Exception as error:
                 self._report(callback, error)
