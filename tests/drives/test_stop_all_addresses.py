@@ -70,6 +70,67 @@ def test_a_drive_whose_first_stop_is_lost_is_stopped_and_not_called_absent(model
     assert report.absent == (1, 2, 4, 5, 6, 8) and report.unconfirmed == ()
 
 
+@pytest.mark.parametrize("returns_after_s", [None, 1.0])
+def test_a_drive_whose_repeated_stop_the_port_lost_is_lost_until_the_port_is_back(
+    returns_after_s: float | None,
+) -> None:
+    """It was counted among the empty addresses while its motor ran: what the second round lost was dropped."""
+
+    async def scenario() -> tuple[StopReport, bool]:
+        async with SimulatedDrives("vc660", "1,7") as bench:
+            station, simulated_bus = bench.station(7), simulated_bus_of(bench.port)
+            starter = bench.drive(7)
+            await starter.run(SAFE_HZ["vc660"])
+            starter.close()
+            station.faults.silent = True
+            reached = list[int]()
+
+            def unplug_in_second_round(drive: Drive, _share: float) -> None:
+                reached.append(drive.address)
+                if reached.count(3) == 2 and drive.address == 3:
+                    station.faults.silent = False
+                    simulated_bus.unplug()
+                    if returns_after_s is not None:
+                        asyncio.get_running_loop().call_later(returns_after_s, simulated_bus.replug)
+
+            report = await stop_at_every_address(bench, unplug_in_second_round)
+            station.advance(bench.bus.now())
+            return report, station.running
+
+    report, running = run_virtual(scenario())
+    stopped = [address for address, _ in report.outcomes]
+    if returns_after_s is None:
+        assert running and not report.confirmed
+        assert (stopped, report.lost, report.absent) == ([1], (4, 5, 6, 7, 8), (2, 3))
+    else:
+        assert not running and report.confirmed
+        assert (stopped, report.lost, report.absent) == ([1, 7], (), (2, 3, 4, 5, 6, 8))
+
+
+def test_a_drive_that_replies_late_is_stopped_before_the_silent_addresses_are_sent_their_second_stop() -> None:
+    """With 247 addresses the stop of a running drive was repeated only half a minute after its first frame."""
+    swept = list[int]()
+
+    async def scenario() -> tuple[StopReport, list[int]]:
+        async with SimulatedDrives("vc660", "3") as bench:
+            wire = simulated_bus_of(bench.port).wire
+            transmit = wire.transmit_reply
+            wire.transmit_reply = lambda source, data, now, at: transmit(source, data, now, at + 0.3)  # type: ignore[method-assign]
+            swept_before = list[int]()
+
+            def on_frame(event: TraceEvent) -> None:
+                if event.kind is TraceKind.SENT and event.message.address == 3:
+                    swept_before.append(len(swept))
+
+            bench.bus.trace(on_frame)
+            return await stop_at_every_address(bench, lambda drive, _: swept.append(drive.address)), swept_before
+
+    report, swept_before = run_virtual(scenario())
+    assert [address for address, _ in report.outcomes] == [3]
+    assert swept == [*ADDRESSES, *(address for address in ADDRESSES if address != 3)]
+    assert swept_before[0] == 2 and swept_before.count(len(ADDRESSES)) > 2  # repeated between the rounds
+
+
 def test_starts_are_inhibited_from_the_first_frame_on() -> None:
     async def scenario() -> None:
         async with SimulatedDrives("vc660", "1") as bench:

@@ -19,7 +19,7 @@ from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
 from drivebus.errors import DrivebusError, PortError, StopUnconfirmed
 
 BROADCAST_COUNT = 2  # a broadcast has no reply, and one may be lost
-MAX_SWEEPS = 3  # the first one, and further ones of the addresses that a lost port left out
+MAX_SWEEPS = 3  # of each round: the first one, and further ones of the addresses that a lost port left out
 PORT_RETURN_POLLS = 20  # checks whether a lost port is back: with their pauses 2 s, as long as a stop without progress
 PORT_POLL_INTERVAL_S = 0.1  # pause between two such checks
 EVIDENCE_OF_PRESENCE = {"late", "foreign", "duplicate"}  # frames of a station outside its own transaction, as counted
@@ -39,7 +39,7 @@ class StopReport:
     absent: tuple[int, ...] = ()
     """Addresses without a reply, where ``stop_all_addresses`` looked for drives."""
     lost: tuple[int, ...] = ()
-    """Addresses that the port lost before a stop could be sent there: a drive may run at each of them."""
+    """Addresses without a reply where the port lost a stop or its repetition: a drive may run at each of them."""
 
     @property
     def acknowledged(self) -> tuple[int, ...]:
@@ -84,35 +84,52 @@ async def stop_all_addresses(
 ) -> StopReport:
     """Stop a bus whose addresses are not known: ``drives`` has one for every address at which a drive may be.
 
-    Each address is sent a stop at once, and the drives that reply are stopped as by ``stop_bus``; the other addresses
-    are sent it once more, those that a lost port left out once it is back within 2 s. ``on_progress`` gets each drive
-    that was sent a frame, and the share of this round's drives so far (above 0, at most 1).
+    Each address is sent a stop at once, and the drives that reply, in time or late, are stopped as by ``stop_bus``; the
+    other addresses are sent it once more, those that a lost port left out once it is back within 2 s. ``on_progress``
+    gets each drive that was sent a frame, and the share of this round's drives so far (above 0, at most 1).
     """
-    started_at, lost = bus.now(), list(drives)
-    broadcasts, reports = list[FrameExchange](), list[StopReport]()
+    started_at, reports = bus.now(), list[StopReport]()
     lateness_s = max((drive.dialect.station_config.timing.max_reply_lateness_s for drive in drives), default=0.0)
-    for _ in range(MAX_SWEEPS):
-        bus.inhibit_start(None)
-        broadcasts += await _broadcast(bus, lost)
-        present, lost = await _sweep(bus, lost, on_progress)
-        reports.append(await stop_bus(bus, present))
-        if not lost or not await _is_open_soon(bus):
-            break
-    present, _ = await _sweep(bus, _silent_drives(drives, lost, reports), on_progress)
-    replies_due_until = bus.now() + lateness_s
-    reports.append(await stop_bus(bus, present))
-    await asyncio.sleep(max(0.0, replies_due_until - bus.now()))
+    lost = await _stop_found_drives(bus, drives, reports, on_progress)
+    lost += await _stop_found_drives(bus, _silent_drives(drives, lost, reports), reports, on_progress)
+    await asyncio.sleep(lateness_s)
     reports.append(await stop_bus(bus, _late_drives(bus, drives, reports)))
-    outcomes = sorted((outcome for report in reports for outcome in report.outcomes), key=itemgetter(0))
-    left_out = tuple(drive.address for drive in lost)
+    lost_addresses = {drive.address for drive in _unreported_drives(lost, reports)}
     return StopReport(
         started_at=started_at,
         ended_at=reports[-1].ended_at,
-        broadcasts=(*broadcasts, *(exchange for report in reports for exchange in report.broadcasts)),
-        outcomes=tuple(outcomes),
-        absent=tuple(drive.address for drive in drives if drive.address not in {*dict(outcomes), *left_out}),
-        lost=left_out,
+        broadcasts=tuple(exchange for report in reports for exchange in report.broadcasts),
+        outcomes=tuple(sorted((each for report in reports for each in report.outcomes), key=itemgetter(0))),
+        absent=tuple(
+            each.address for each in _unreported_drives(drives, reports) if each.address not in lost_addresses
+        ),
+        lost=tuple(sorted(lost_addresses)),
     )
+
+
+async def _stop_found_drives(
+    bus: Bus,
+    drives: Sequence[Drive],
+    reports: list[StopReport],
+    on_progress: Callable[[Drive, float], None] | None,
+) -> list[Drive]:
+    """Send one stop to each address, and stop the drives that reply, also those that reply late.
+
+    Append the reports of these stops; return the drives whose stop a port lost that did not return.
+    """
+    lost = list(drives)
+    for _ in range(MAX_SWEEPS):
+        bus.inhibit_start(None)
+        started_at, broadcasts = bus.now(), await _broadcast(bus, lost)
+        reports.append(StopReport(started_at=started_at, ended_at=bus.now(), broadcasts=broadcasts, outcomes=()))
+        present, lost = await _sweep(bus, lost, on_progress)
+        reports.append(await stop_bus(bus, present))
+        is_open = await _is_open_soon(bus)
+        reports.append(await stop_bus(bus, _late_drives(bus, drives, reports)))
+        lost = _unreported_drives(lost, reports)
+        if not lost or not is_open:
+            break
+    return lost
 
 
 def _silent_drives(drives: Sequence[Drive], lost: Sequence[Drive], reports: Iterable[StopReport]) -> list[Drive]:
@@ -120,12 +137,16 @@ def _silent_drives(drives: Sequence[Drive], lost: Sequence[Drive], reports: Iter
 
     Those that are only read first are left out: a second read waits for the quarantine of its address.
     """
-    accounted_for = _reported_addresses(reports) | {drive.address for drive in lost}
-    return [drive for drive in drives if drive.address not in accounted_for and drive.dialect.model_check() is None]
+    return [
+        drive
+        for drive in _unreported_drives(drives, reports)
+        if drive not in lost and drive.dialect.model_check() is None
+    ]
 
 
-def _reported_addresses(reports: Iterable[StopReport]) -> set[int]:
-    return {address for report in reports for address, _ in report.outcomes}
+def _unreported_drives(drives: Sequence[Drive], reports: Iterable[StopReport]) -> list[Drive]:
+    reported = {address for report in reports for address, _ in report.outcomes}
+    return [drive for drive in drives if drive.address not in reported]
 
 
 async def _sweep(
@@ -155,11 +176,11 @@ async def _sweep(
 
 def _late_drives(bus: Bus, drives: Sequence[Drive], reports: Iterable[StopReport]) -> list[Drive]:
     """Return the drives that are in no report although frames of them were received outside their transactions."""
-    reported, stations = _reported_addresses(reports), bus.statistics().stations
+    stations = bus.statistics().stations
     return [
         drive
-        for drive in drives
-        if drive.address not in reported and EVIDENCE_OF_PRESENCE & stations[drive.address].counters.keys()
+        for drive in _unreported_drives(drives, reports)
+        if EVIDENCE_OF_PRESENCE & stations[drive.address].counters.keys()
     ]
 
 
