@@ -235,6 +235,34 @@ def test_a_flood_of_stops_is_sent_at_once_and_recorded_as_a_count_beyond_a_budge
     with_dispatcher(scenario, drive_stop={"outcome": {"status": "confirmed", "frames": [{"sent": "01"}]}})
 
 
+@pytest.mark.usefixtures("small_burst")
+@pytest.mark.parametrize("hidden_by", ["invented drives", "refused requests"])
+def test_the_author_of_counted_stops_is_recorded_however_many_kinds_were_counted_before(hidden_by: str) -> None:
+    """Stops of 16 invented drives used up the kinds of a period: "* times 5" was left of those of a real one."""
+
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
+        eve, ann = remote_actor("eve"), remote_actor("ann", Role.VIEWER)
+        dispatcher._stop_budget.spend(eve, 1_000_000, kit.service.plant.now())
+        if hidden_by == "invented drives":
+            for number in range(20):
+                await dispatcher.call("drive.stop", {"drive": f"no-{number}"}, eve)
+                await asyncio.sleep(0)
+        else:
+            for name in [operation.name for operation in OPERATIONS.values() if operation.right is Right.OPERATE][:20]:
+                with pytest.raises(PermissionDenied):
+                    await dispatcher.call(name, {}, ann)
+        for _ in range(5):
+            await dispatcher.call("drive.stop", FAN, eve)
+        await asyncio.sleep(SUMMARY_PERIOD_S + 1)
+        stops = [one for one in kit.trail.entries if one.what == "drive.stop" and one.outcome == "counted"]
+        assert sum(one.params["times"] for one in stops if one.params["who"].startswith("eve")) >= 4
+        assert {one.target for one in stops} <= {"fan-1", "*"}
+        unknown = [one.outcome for one in kit.trail.entries if one.target.startswith("no-")]
+        assert unknown == (["plant.no_drive"] if hidden_by == "invented drives" else [])
+
+    with_dispatcher(scenario, drive_stop={"outcome": {"status": "confirmed", "frames": [{"sent": "01"}]}})
+
+
 def test_live_values_need_the_right_to_view() -> None:
     async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
         dispatcher.check_may_view(Actor("ann", frozenset({Right.VIEW}), "s-ann"))

@@ -210,6 +210,14 @@ def test_a_count_of_requests_names_their_number_and_author() -> None:
     stops = described(record("drive.stop", "fan-3", outcome="counted", who="eve@10.0.0.9", times=7))
     assert stops["text"]["en"] == "Bus stop of fan-3: 7 times, by eve@10.0.0.9"
     assert stops["outcome_text"] == {"en": "Recorded as a count", "zh": "仅记录次数"}
+    others = described(record("drive.stop", "*", outcome="counted", who="eve", times=5))
+    assert others["text"] == {
+        "en": "Bus stop of other targets: 5 times, by eve",
+        "zh": "总线停机：其他对象：5 次，来自 eve",
+    }
+    anonymous = described(record("refused", "*", outcome="*", who="", times=5))
+    assert anonymous["text"]["en"] == "Request denied: other targets: 5 times"
+    assert anonymous["outcome_text"] == {"en": "Various reasons", "zh": "多种原因"}
     assert outcome_text(record("refused", "x", outcome="plant.too_many_commands", who="eve@", times=7)) == (
         "The user's commands were refused too often"
     )

@@ -8,11 +8,13 @@ from typing import NamedTuple, Protocol
 
 from drivebus.clock import Clock
 from drivebus.errors import DrivebusError
+from drivebus.service.audit.records import OTHERS
 from drivebus.service.auth.actor import Actor
 from drivebus.types import Json
 
 SUMMARY_PERIOD_S = 30.0  # the repetitions of a period are recorded together
-MAX_KINDS_PER_PERIOD = 16  # further kinds are counted together: at most 25 MB of audit trail a day
+MAX_KINDS_PER_PERIOD = 16  # further kinds of a user are counted together: at most 25 MB of audit trail a day
+COUNTED = "counted"  # outcome of commands that were done and are recorded as a count only
 _RECORD_TIMEOUT_S = 2.0  # a response never waits longer for the audit trail
 ANONYMOUS = Actor("", frozenset(), "", remote=True, address="")
 
@@ -43,18 +45,21 @@ class DenialKind(NamedTuple):
     target: str
     """Method and path of the route table, name of an operation, or what is stopped."""
     outcome: str
-    """Key of the error."""
+    """Key of the error; ``counted`` for stops."""
     client: str
     """Name and address of the actor."""
+    user: str
+    """Name of the actor's user; empty before a login."""
 
     @classmethod
     def of(cls, what: str, target: str, outcome: str, actor: Actor) -> DenialKind:
-        return cls(what, target, outcome, f"{actor.name}@{actor.address}")
+        return cls(what, target, outcome, f"{actor.name}@{actor.address}", actor.user)
 
     @property
     def others(self) -> DenialKind:
-        """Stands for this kind beyond ``MAX_KINDS_PER_PERIOD``."""
-        return DenialKind(self.what, "* *", "*", "*")
+        """Stands for this kind beyond ``MAX_KINDS_PER_PERIOD``: a count never loses whose commands it counts."""
+        outcome = self.outcome if self.outcome == COUNTED else OTHERS
+        return DenialKind(self.what, OTHERS, outcome, self.user, self.user)
 
 
 class DenialLog:

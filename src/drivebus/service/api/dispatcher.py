@@ -26,7 +26,7 @@ from drivebus.errors import (
 )
 from drivebus.service.alarms import Alarm
 from drivebus.service.api.command_records import record, record_or_queue
-from drivebus.service.api.denial_log import DenialKind, DenialLog
+from drivebus.service.api.denial_log import COUNTED, DenialKind, DenialLog
 from drivebus.service.api.errors import error_to_json, params_error, to_plain
 from drivebus.service.api.operations import OPERATIONS, Audit, Operation, OperationParams
 from drivebus.service.api.operations.alarms import AlarmParams, AlarmSelectionParams
@@ -140,7 +140,7 @@ class Dispatcher:
         """
         entry = _audit_entry(operation, params.model_dump(), actor)
         if self._stop_budget.wait_s(actor, self.plant.now()) > 0:
-            self._count_soon(entry, actor)
+            self._count_soon(operation, params, entry, actor)
             return await handler(params, actor)
         # A task begins when the handler waits for the first time. The frame of a single drive is queued by then; those
         # of several drives are queued by tasks that begin after this one has queued the entry for the writer's thread.
@@ -159,11 +159,19 @@ class Dispatcher:
         await self._record_soon(completed, requested, params)
         return result
 
-    def _count_soon(self, entry: AuditEntry, actor: Actor) -> None:
-        """Count a stop of an actor whose stops have used up their part of the trail; it waits for nothing."""
+    def _count_soon(self, operation: Operation, params: OperationParams, entry: AuditEntry, actor: Actor) -> None:
+        """Count a stop of an actor whose stops have used up their part of the trail; it waits for nothing.
+
+        A stop of a drive or group that the plant does not have counts as a denied request.
+        """
 
         async def count() -> None:
-            if await self.denials.count(DenialKind.of(entry.what, entry.target, "counted", actor)):
+            try:
+                self._affected_drives(params)
+            except ServiceError as error:
+                await self._record_denial(operation, params.model_dump(), actor, error.key)
+                return
+            if await self.denials.count(DenialKind.of(entry.what, entry.target, COUNTED, actor)):
                 self._record_nowait(replace(entry, outcome="requested"))
 
         task = asyncio.ensure_future(count())

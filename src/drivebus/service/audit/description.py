@@ -11,7 +11,7 @@ from typing import Any
 
 from drivebus import i18n
 from drivebus.service.alarms.texts import subject_name
-from drivebus.service.audit.records import ERROR_TEXT
+from drivebus.service.audit.records import ERROR_TEXT, OTHERS
 from drivebus.service.config.model import PlantConfig, title_of
 from drivebus.service.control.comm_loss_record import CommLossResult
 from drivebus.service.live.views import text_json
@@ -98,6 +98,8 @@ def _subject(item: Json, params: Mapping[str, Any], titles: Titles) -> Text:
         return Text.per_language(
             lambda language: " · ".join(filter(None, (of.in_language(language), alarm.get(language))))
         )
+    if target == OTHERS:
+        return bilingual_text("audit.other_targets")
     drives = params.get("drives")
     if not target and isinstance(drives, list) and len(drives) > 1:
         return bilingual_text("audit.drives", n=len(drives), names=_named_drives(drives, titles))
@@ -151,7 +153,8 @@ def _details(params: Mapping[str, Any]) -> Iterator[Text]:
         yield Text("…", "…")
     if isinstance(params.get("times"), int) and params["times"] > 1:  # of a count, whose author is a parameter
         yield bilingual_text("audit.detail.times", value=params["times"])
-        yield bilingual_text("audit.detail.who", value=params.get("who"))
+        if params.get("who"):
+            yield bilingual_text("audit.detail.who", value=params["who"])
     if params.get("save") is True:
         yield bilingual_text("audit.detail.save")
     if params.get("force") is True:
@@ -196,6 +199,8 @@ def _outcome_part(code: str, params: Mapping[str, Any]) -> Text:
         return bilingual_text(f"page.outcome_{code}")
     if code in OTHER_OUTCOMES:
         return bilingual_text(f"audit.outcome_{code}")
+    if code == OTHERS:
+        return bilingual_text("audit.outcome_others")
     if not i18n.known(code):
         return Text(code, code)
     text, general = bilingual_text(code, **params), _key("audit.outcome_", code)

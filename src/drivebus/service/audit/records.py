@@ -31,6 +31,8 @@ EMBEDDED_CREDENTIALS: Final = re.compile(r"(?<=://)[^/@\s]*@|\b(?<=Bearer )\S+")
 REDACTED: Final = "***"
 SESSION_ENDED: Final = "session.ended"
 """Record of the end of a session or token that had control of drives."""
+OTHERS: Final = "*"
+"""In place of the targets and errors of requests of several kinds that are counted together."""
 MAX_TEXT_LENGTH: Final = 2_000
 """Characters; a longer text (a whole configuration) is replaced by its length and SHA-256."""
 MAX_CONTAINER_ITEMS: Final = 500
