@@ -219,6 +219,13 @@ def test_a_frequency_that_may_not_have_arrived_is_answered_with_the_next_step(
 
 
 @pytest.mark.parametrize(("language", "words"), [("en", "after a communication loss"), ("zh", "若通信曾中断")])
-def test_a_drive_that_stood_still_after_an_outage_may_have_stopped_by_itself(language: str, words: str) -> None:
+def test_a_drive_that_stands_still_after_an_outage_may_have_stopped_by_itself(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, language: str, words: str
+) -> None:
     """Only keypad, terminals and another master were named after the adapter had been pulled out."""
-    assert words in i18n.text("run.off_by_itself", language)
+    monkeypatch.setattr(run, "STATUS_PERIOD_S", 0.0)
+    running, off = DriveStatus(state=DriveState.RUNNING), DriveStatus(state=DriveState.STOPPED)
+    lost = PortLost("ports.lost", port="/dev/ttyUSB0", reason="unplugged")
+    assert watch(running, *[lost] * 4, off, off, language=language) is ExitCode.FAILED
+    shown = capsys.readouterr().out.replace("\n", "" if language == "zh" else " ")
+    assert "/dev/ttyUSB0" in shown and words in shown

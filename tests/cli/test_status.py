@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from itertools import count
 from typing import Any
 
@@ -17,7 +18,7 @@ from drivebus.cli.main import cli
 from drivebus.drives.state import DriveStatus
 from drivebus.errors import DrivebusError
 from drivebus.simulator.port import simulated_bus_of
-from drivebus.simulator.wire import Transmission
+from drivebus.simulator.wire import Transmission, Wire
 from drivebus.values import Reading
 from fixtures.drives import MODELS, SimulatedDrives, run_virtual
 
@@ -103,6 +104,48 @@ def test_a_read_that_is_answered_a_second_later_has_its_values_and_no_error() ->
 
     readings, error = run_virtual(scenario())
     assert (readings["F0.1"].value, error) == (2, None)
+
+
+@pytest.mark.parametrize("words", [(), ("--json",)])
+def test_a_read_whose_first_two_replies_are_lost_shows_the_value_without_an_error(
+    monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+) -> None:
+    """Beside the value stood that the station is offline, and the advice to check the wiring, with exit code 0."""
+    numbers, transmit = count(), Wire.transmit_reply
+
+    def lose_first_two(wire: Wire, source: object, data: bytes, now: float, at: float) -> Transmission:
+        sent = transmit(wire, source, data, now, at)
+        if next(numbers) < 2:
+            sent.dropped.update(range(len(data)))
+        return sent
+
+    monkeypatch.setattr(Wire, "transmit_reply", lose_first_two)
+    result = CliRunner().invoke(cli, ["read", "sim://c320@1", "F0.1", "--model", "c320", "--address", "1", *words])
+    assert next(numbers) > 2
+    assert (result.exit_code, result.stderr) == (ExitCode.DONE, "")
+    if words:
+        document = json.loads(result.stdout)
+        assert (document["values"][0]["value"], document["error"]) == (2, None)
+
+
+def test_the_document_of_a_failed_read_has_the_reason() -> None:
+    """It stood on standard error only, and each value had ``no usable reply``."""
+    words = ["read", "sim://c320@1", "F0.1", "--model", "c320", "--address", "9", "--json"]
+    result = CliRunner().invoke(cli, words)
+    error = json.loads(result.stdout)["error"]
+    assert (result.exit_code, error["key"], error["params"]["station"]) == (ExitCode.FAILED, "bus.offline", 9)
+    assert error["hint"]
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("command", [["status"], ["read", "F0.1"]])
+def test_the_remedy_for_a_drive_that_is_offline_is_no_command_that_prints_the_same(
+    command: list[str], language: str
+) -> None:
+    """``drivebus status`` sent its reader to ``drivebus status``."""
+    words = [command[0], "sim://c320@1", *command[1:], "--model", "c320", "--address", "9", "--lang", language]
+    shown = " ".join(CliRunner().invoke(cli, words, env={"COLUMNS": "400"}).stderr.split())
+    assert "drivebus scan" in shown and "drivebus status" not in shown
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])

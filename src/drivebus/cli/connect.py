@@ -21,9 +21,7 @@ if TYPE_CHECKING:
     from drivebus.serial_settings import SerialSettings
     from drivebus.types import Json
 
-LATE_REPLY_WAIT_S = (
-    1.0  # after a read without reply, before the next one: a reply that comes meanwhile is named as late
-)
+LATE_REPLY_WAIT_S = 1.0  # pause after a read without reply: one that comes before the next read is named as late
 
 
 @dataclass(frozen=True, kw_only=True)

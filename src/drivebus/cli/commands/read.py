@@ -46,7 +46,8 @@ async def _read(target: Target, names: tuple[str, ...]) -> ExitCode:
             now = bus.now()
         rows = [value_json(name, entries[name], readings[name], now) for name in entries]
     target_json = {"port": target.port, "model": target.model, "address": target.address}
-    output.print_json(target_json | {"values": rows, "refused": _refused_json(unknown.values())})
+    failure = error_json(silence)["error"] if silence else None
+    output.print_json(target_json | {"values": rows, "refused": _refused_json(unknown.values()), "error": failure})
     if entries:
         output.print_text(values_table(rows, entries))
     for error in (*unknown.values(), *([silence] if silence else ())):
@@ -74,7 +75,8 @@ async def _read_again(drive: Drive, names: list[str]) -> tuple[dict[str, Reading
         await drive.identify()
     except DrivebusError as error:
         silence = error
-    return await drive.read(names), silence
+    readings = await drive.read(names)
+    return readings, silence if _lack_replies(readings) else None
 
 
 def _refused_json(unknown: Iterable[ProfileError]) -> list[dict[str, Any]]:

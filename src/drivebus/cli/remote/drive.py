@@ -107,7 +107,7 @@ class RemoteDrive:
 
     async def read(self, names: Iterable[str]) -> dict[str, Reading]:
         result = await self.call(PARAMETERS_READ, names=list(names))
-        for error in result.get("refused", {}).values():  # a service of an older version raises it
+        for error in result["refused"].values():
             raise error_from_json(error)
         return {name: parse_reading(value) for name, value in result["parameters"].items()}
 
