@@ -319,6 +319,20 @@ def test_an_ending_service_records_its_stops_after_their_first_frames_are_queued
     run(scenario())
 
 
+def test_the_record_of_an_ending_service_whose_stop_failed_has_the_frames_that_were_sent() -> None:
+    """It had none, so that the trail did not show that a stop was sent to a drive without a reply."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await ready(kit, "fan-1")
+            await asyncio.sleep(10)
+            kit.station("fan-1").faults.silent = True
+            outcome = (await kit.service.stop())["fan-1"]["outcome"]
+            assert outcome["frames"] and list(kit.trail.entries[-1].frames) == outcome["frames"]
+
+    run(scenario())
+
+
 def test_an_ending_service_does_not_wait_for_a_disk_that_hangs() -> None:
     async def scenario() -> None:
         async with running_service() as kit:

@@ -159,7 +159,8 @@ class StopCommands(PlantListener):
             outcome = outcomes[runtime.id] = stop.result() if stop.done() else _unfinished(runtime)
             reported, request = outcome or {}, requests[runtime]
             status = str(reported.get("status") or reported.get("code") or reported.get("state") or "unknown")
-            frames = reported.get("frames") or [exchange_json(exchange) for exchange in runtime.drive.stop_exchanges]
+            sent = reported.get("frames") or (reported.get("outcome") or {}).get("frames")  # of a stop; of an error
+            frames = sent or [exchange_json(exchange) for exchange in runtime.drive.stop_exchanges]
             self._record_outcome(runtime, status, frames, request.result() if request.done() else None)
         for runtime in self.plant.drives.values():
             if runtime in stops:
