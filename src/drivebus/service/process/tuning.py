@@ -17,7 +17,7 @@ def set_nice(steps: int) -> None:
 
 
 def limit_memory(max_bytes: int) -> None:
-    """Limit the address space of this process to ``most`` bytes; without effect on Windows."""
+    """Limit the address space of this process to ``max_bytes``; without effect on Windows."""
     with suppress(ImportError):
         import resource
 
