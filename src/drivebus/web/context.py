@@ -9,7 +9,7 @@ from typing import Any, TypeVar, cast
 from starlette.requests import HTTPConnection
 
 from drivebus.errors import DrivebusError, TooManyCommands
-from drivebus.service.api.denial_log import DenialLog, try_record
+from drivebus.service.api.denial_log import COUNTED, DenialKind, DenialLog, try_record
 from drivebus.service.api.operations import Operation
 from drivebus.service.api.record_budget import RecordBudget
 from drivebus.service.audit import AuditEntry
@@ -17,6 +17,7 @@ from drivebus.service.audit.records import record_octets
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.credentials import Credential
 from drivebus.service.auth.errors import AuthUnavailable
+from drivebus.service.auth.names import MAX_NAME_LENGTH
 from drivebus.service.auth.service import AuthService
 from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.types import Json
@@ -41,13 +42,25 @@ class WebContext:
     login_notice: Text | None = None
 
     async def record_change(
-        self, operation: Operation, target: str, params: Json, actor: Actor, change: Coroutine[Any, Any, T]
+        self,
+        operation: Operation,
+        target: str,
+        params: Json,
+        actor: Actor,
+        change: Coroutine[Any, Any, T],
+        *,
+        withdraws: bool = False,
     ) -> T:
         """Run the ``change`` of an operation with an audit record before and after it.
 
+        A change that only ``withdraws`` access is counted where there are too many of the actor, and never refused.
         Raises AuthUnavailable, and changes nothing, where the trail cannot be written; TooManyCommands.
         """
         what, now = operation.name, self.auth.clock()
+        if withdraws and self.budget.wait_s(actor, now) > 0:
+            if await self.denials.count(DenialKind.of(what, target[:MAX_NAME_LENGTH], COUNTED, actor)):
+                await try_record(self.client, audit_entry(what, target[:MAX_NAME_LENGTH], outcome="requested"), actor)
+            return await change
         try:
             self.budget.check(actor, now)
         except TooManyCommands as error:

@@ -191,6 +191,33 @@ def test_a_flood_of_commands_that_send_nothing_is_recorded_one_by_one_up_to_a_bu
     )
 
 
+@pytest.mark.parametrize(
+    ("name", "params"),
+    [
+        ("lease.release", FAN),
+        ("waiver.revoke", {"drive": "fan-1"}),
+        ("alarm.acknowledge", {"alarm": "7"}),
+        ("alarms.acknowledge", {"alarms": ["7"]}),
+    ],
+)
+def test_a_command_that_reduces_a_hazard_is_counted_and_not_refused_beyond_the_budget(name: str, params: Json) -> None:
+    """A user whose program was refused again and again could not give up control or acknowledge an alarm."""
+
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
+        ann = remote_actor("ann", Role.ADMINISTRATOR)
+        dispatcher._command_budget.spend(ann, 10_000_000, kit.service.plant.now())
+        with pytest.raises(TooManyCommands):
+            await dispatcher.call("drive.set_frequency", FAN | {"frequency_hz": 5.0}, ann)
+        for _ in range(4):
+            assert await dispatcher.call(name, params, ann) == {"done": True}
+        await asyncio.sleep(SUMMARY_PERIOD_S + 1)
+        recorded = [(one.outcome, one.params.get("times")) for one in kit.trail.entries if one.what == name]
+        assert recorded == [("requested", None), ("counted", 3)]
+
+    answers = {name.replace(".", "_", 1): {"done": True}}
+    with_dispatcher(scenario, drive_set_frequency={}, **answers)
+
+
 @pytest.mark.usefixtures("small_burst")
 def test_commands_that_were_sent_and_those_of_the_local_user_use_up_no_budget() -> None:
     """A bus limits the former; the user of the service can remove the trail."""
@@ -233,6 +260,32 @@ def test_a_flood_of_stops_is_sent_at_once_and_recorded_as_a_count_beyond_a_budge
         assert sum(one.params["times"] for one in counted) + singly == sent, "none of them is lost"
 
     with_dispatcher(scenario, drive_stop={"outcome": {"status": "confirmed", "frames": [{"sent": "01"}]}})
+
+
+@pytest.mark.usefixtures("small_burst")
+def test_stops_beyond_the_budget_are_on_the_bus_at_once_and_stop_the_motor() -> None:
+    """A flood of stops was tested with a handler that sends nothing."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await ready(kit, "fan-1")
+            await asyncio.sleep(5.0)
+            eve, station, plant = remote_actor("eve"), kit.station("fan-1"), kit.service.plant
+            kit.service.dispatcher._stop_budget.spend(eve, 1_000_000, plant.now())
+            assert station.motor.phase is not OutputPhase.OFF
+            kit.trail.entries.clear()
+            begun_at = plant.now()
+            outcome = (await kit.call("drive.stop", eve, drive="fan-1"))["outcome"]
+            assert outcome["status"] == "confirmed" and outcome["frames"]
+            assert plant.now() - begun_at < 3.0
+            assert station.motor.phase is OutputPhase.OFF
+            for _ in range(5):
+                assert (await kit.call("drive.stop", eve, drive="fan-1"))["outcome"]["frames"], "each is sent"
+            await asyncio.sleep(SUMMARY_PERIOD_S + 1)
+            stops = [one for one in kit.trail.entries if (one.what, one.target) == ("drive.stop", "fan-1")]
+            assert [(one.outcome, one.params.get("times")) for one in stops] == [("requested", None), ("counted", 5)]
+
+    run(scenario())
 
 
 @pytest.mark.usefixtures("small_burst")

@@ -53,7 +53,7 @@ from drivebus.types import Json
 MAX_RECORDING_S = 2.0  # a command whose audit record took longer is expired
 STOP_AUDIT_TIMEOUT_S = 1.0  # a stop never waits longer for its audit record
 TARGET_PARAMS = ("drive", "group", "alarm", "bus", "incident")  # the first that is given is the target of the record
-MAX_DENIED_OCTETS = 1_000  # the record of a denied request that is longer has only its target
+MAX_SHORT_OCTETS = 1_000  # the record of a denied or counted request that is longer has only its target
 
 
 class Dispatcher:
@@ -79,7 +79,7 @@ class Dispatcher:
         if handler is None:
             raise NotFound("plant.no_operation", id=name)
         if operation.mutates:
-            if not operation.is_stop:
+            if not (operation.is_stop or operation.reduces_hazard):
                 await self._check_budget(operation, params, actor)
             changed = self._changed_drives(parsed)  # before it: an alarm may be gone afterwards
             try:
@@ -98,6 +98,9 @@ class Dispatcher:
             return await self._run_recorded(operation, params, actor, handler)
         if operation.is_stop:
             return await self._stop_and_record(operation, params, actor, handler)
+        if operation.reduces_hazard and self._command_budget.wait_s(actor, self.plant.now()) > 0:
+            self._count_soon(operation, params, actor)
+            return await handler(params, actor)
         return await self._run_recorded(operation, params, actor, lambda params, actor, ticket: handler(params, actor))
 
     def _check_accepting(self, operation: Operation) -> None:
@@ -129,7 +132,7 @@ class Dispatcher:
     async def _record_denial(self, operation: Operation, params: Json, actor: Actor, reason: str) -> None:
         """Record a denied request, or count it where one of its kind has just been recorded."""
         if await self.denials.count(DenialKind.of("refused", f"{operation.method} {operation.path}", reason, actor)):
-            self._record_nowait(_denied_entry(operation, params, actor, reason))
+            self._record_nowait(_short_entry(operation, params, actor, reason))
 
     async def _stop_and_record(
         self, operation: Operation, params: OperationParams, actor: Actor, handler: OperationHandler
@@ -138,10 +141,10 @@ class Dispatcher:
 
         No frame waits for a record; the client waits at most ``STOP_AUDIT_TIMEOUT_S`` for that of the outcome.
         """
-        entry = _audit_entry(operation, params.model_dump(), actor)
         if self._stop_budget.wait_s(actor, self.plant.now()) > 0:
-            self._count_soon(operation, params, entry, actor)
+            self._count_soon(operation, params, actor)
             return await handler(params, actor)
+        entry = _audit_entry(operation, params.model_dump(), actor)
         # A task begins when the handler waits for the first time. The frame of a single drive is queued by then; those
         # of several drives are queued by tasks that begin after this one has queued the entry for the writer's thread.
         requested = asyncio.ensure_future(record_or_queue(self.plant, replace(entry, outcome="requested")))
@@ -159,11 +162,12 @@ class Dispatcher:
         await self._record_soon(completed, requested, params)
         return result
 
-    def _count_soon(self, operation: Operation, params: OperationParams, entry: AuditEntry, actor: Actor) -> None:
-        """Count a stop of an actor whose stops have used up their part of the trail; it waits for nothing.
+    def _count_soon(self, operation: Operation, params: OperationParams, actor: Actor) -> None:
+        """Count a command of an actor whose commands have used up their part of the trail; it waits for nothing.
 
-        A stop of a drive or group that the plant does not have counts as a denied request.
+        One that names a drive or group that the plant does not have counts as a denied request.
         """
+        entry = _short_entry(operation, params.model_dump(), actor, "requested")
 
         async def count() -> None:
             try:
@@ -172,7 +176,7 @@ class Dispatcher:
                 await self._record_denial(operation, params.model_dump(), actor, error.key)
                 return
             if await self.denials.count(DenialKind.of(entry.what, entry.target, COUNTED, actor)):
-                self._record_nowait(replace(entry, outcome="requested"))
+                self._record_nowait(entry)
 
         task = asyncio.ensure_future(count())
         self._counting.add(task)
@@ -307,10 +311,10 @@ def _audit_entry(
     )
 
 
-def _denied_entry(operation: Operation, params: Any, actor: Actor, reason: str) -> AuditEntry:
-    """Return the entry of a denied request, with its parameters where they are short: nothing has checked them."""
-    entry = _audit_entry(operation, params, actor, reason)
-    if record_octets(entry) <= MAX_DENIED_OCTETS:
+def _short_entry(operation: Operation, params: Any, actor: Actor, outcome: str) -> AuditEntry:
+    """Return the entry of a request that is denied or counted, with its parameters where they are short."""
+    entry = _audit_entry(operation, params, actor, outcome)
+    if record_octets(entry) <= MAX_SHORT_OCTETS:
         return entry
     return replace(entry, target=entry.target[:100], params={})
 

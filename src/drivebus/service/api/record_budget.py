@@ -1,4 +1,4 @@
-"""``RecordBudget``: size of the audit records that the commands of one user may take. Pure."""
+"""``RecordBudget``: size of the audit records that the commands of a user, or of the user's tokens, may take. Pure."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ RECORD_OCTETS_PER_S = 5_000  # afterwards: 0.43 GB a day, about four refused com
 
 
 class RecordBudget:
-    """Budget of each user with the user's tokens, as a token bucket; ``now`` is in monotonic seconds.
+    """Budgets of a user, for all sessions and for all tokens, as token buckets; ``now`` is in monotonic seconds.
 
-    A user can have any number of sessions and tokens, one after the other: a budget of each would limit nothing. Local
-    actors have no limit. What is being recorded may exceed a budget; the excess has to be regained, too.
+    A user can have any number of sessions and tokens, one after the other: a budget of each would limit nothing. A
+    faulty program does not use up that of the person. Local actors have no limit; an excess has to be regained, too.
     """
 
     def __init__(self) -> None:
-        self._full_at: dict[str, float] = {}
-        """User → time at which the budget will be whole again."""
+        self._full_at: dict[tuple[str, bool], float] = {}
+        """User, whether by token → time at which the budget will be whole again."""
 
     def wait_s(self, actor: Actor, now: float) -> float:
         """Return the seconds until the actor's budget is no longer used up; 0 or more."""
-        left_s = self._full_at.get(actor.user, now) - now - MAX_BURST_OCTETS / RECORD_OCTETS_PER_S
+        left_s = self._full_at.get(_holder(actor), now) - now - MAX_BURST_OCTETS / RECORD_OCTETS_PER_S
         return max(0.0, left_s) if actor.remote else 0.0
 
     def check(self, actor: Actor, now: float) -> None:
@@ -36,5 +36,10 @@ class RecordBudget:
     def spend(self, actor: Actor, octets: int, now: float) -> None:
         """Take ``octets`` from the actor's budget."""
         if actor.remote:
-            self._full_at = {user: full_at for user, full_at in self._full_at.items() if now < full_at}
-            self._full_at[actor.user] = self._full_at.get(actor.user, now) + octets / RECORD_OCTETS_PER_S
+            holder = _holder(actor)
+            self._full_at = {each: full_at for each, full_at in self._full_at.items() if now < full_at}
+            self._full_at[holder] = self._full_at.get(holder, now) + octets / RECORD_OCTETS_PER_S
+
+
+def _holder(actor: Actor) -> tuple[str, bool]:
+    return actor.user, actor.is_program

@@ -31,6 +31,11 @@ class Actor:
         """Name of the user who acts, also of one whose token does (``user/token``)."""
         return self.name.partition("/")[0]
 
+    @property
+    def is_program(self) -> bool:
+        """Whether a program acts with a token of the user."""
+        return self.remote and self.name != self.user
+
     def may(self, required: RequiredAccess) -> bool:
         """Return whether the actor has the right; no actor has an access level as a right."""
         return required in self.rights

@@ -113,7 +113,9 @@ async def change_password(request: Request, params: PasswordParams) -> JSONRespo
     """Change one's own password; every other session of the user ends."""
     context, credential = context_of(request), _session_credential(request)
     changing = context.auth.change_password(credential.session, params.old, params.new)
-    opened = await context.record_change(PASSWORD, credential.session.user, {}, credential.actor, changing)
+    opened = await context.record_change(
+        PASSWORD, credential.session.user, {}, credential.actor, changing, withdraws=True
+    )
     session = SessionCredential(opened.session, context.auth.context)
     response = JSONResponse(_session_json(context, session))
     return _with_session_cookie(request, response, opened.secret)

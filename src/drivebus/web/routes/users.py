@@ -68,7 +68,10 @@ async def change_user(request: Request, params: UserChangeParams) -> Json:
             await _verify_own_password(request, params.own_password)
         return await _change_user(context.auth, params, _user_name(request))
 
-    changed = await context.record_change(USER_CHANGE, params.user, recorded, actor_of(request), change())
+    withdraws = recorded.keys() <= {"disabled", "end_sessions"} and params.disabled is not False
+    changed = await context.record_change(
+        USER_CHANGE, params.user, recorded, actor_of(request), change(), withdraws=withdraws
+    )
     return {"user": _user_json(context.auth, changed)}
 
 
@@ -82,7 +85,7 @@ async def remove_user(request: Request, params: UserParams) -> Json:
         await context.auth.change_database(lambda database: database.without_user(user))
         await context.auth.end_sessions(user, "removed")
 
-    await context.record_change(USER_REMOVE, user, {}, actor_of(request), remove())
+    await context.record_change(USER_REMOVE, user, {}, actor_of(request), remove(), withdraws=True)
     return {}
 
 
@@ -119,7 +122,7 @@ async def remove_token(request: Request, params: TokenParams) -> Json:
     manageable = {each.id for each in database.tokens if _may_manage(request, each)}
     (database if token in manageable else UserDatabase()).without_token(token)
     change = context.auth.change_database(lambda database: database.without_token(token))
-    await context.record_change(TOKEN_REMOVE, token, {}, actor_of(request), change)
+    await context.record_change(TOKEN_REMOVE, token, {}, actor_of(request), change, withdraws=True)
     return {}
 
 

@@ -129,6 +129,7 @@ ALARM_ACKNOWLEDGE = Operation(
     params=AlarmParams,
     response=AlarmResponse,
     audit=Audit.BEST_EFFORT,
+    reduces_hazard=True,
     summary=Text("Acknowledge an alarm", "确认报警"),
 )
 
@@ -162,6 +163,7 @@ ALARMS_ACKNOWLEDGE = Operation(
     params=AlarmSelectionParams,
     response=ChangesResponse,
     audit=Audit.BEST_EFFORT,
+    reduces_hazard=True,
     summary=Text(
         "Acknowledge several alarms; `done`, `unchanged` or an error for each",
         "确认多条报警；每条的结果为 `done`、`unchanged` 或错误",

@@ -74,6 +74,7 @@ LEASE_RELEASE = Operation(
     params=DriveParams,
     response=EmptyResponse,
     audit=Audit.BEST_EFFORT,
+    reduces_hazard=True,
     summary=Text("Release control of a drive", "交还控制权"),
 )
 

@@ -472,6 +472,7 @@ WAIVER_REVOKE = Operation(
     params=DriveParams,
     response=EmptyResponse,
     audit=Audit.REQUIRED,
+    reduces_hazard=True,
     summary=Text("Revoke the waiver", "撤销豁免"),
 )
 

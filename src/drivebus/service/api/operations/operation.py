@@ -142,6 +142,8 @@ class Operation:
     """Sent by a page on its own; it does not count as activity of the user."""
     media_types: tuple[str, ...] = ()
     """Media types of a result that is a text or a file instead of JSON."""
+    reduces_hazard: bool = False
+    """It gives up control or a waiver, or acknowledges an alarm: too many of them are counted and never refused."""
     moves_motors: bool = False
     """Its handler gets the command ticket as well, by which it sends nothing that a later stop has voided."""
     cancellable: bool = False
