@@ -19,7 +19,7 @@ from drivebus.service.auth.errors import (
     InvalidInput,
     ResourceNotFound,
 )
-from drivebus.service.auth.names import _look_alikes, appearance, normalized_name
+from drivebus.service.auth.names import _look_alikes, appearance, check_user_name, normalized_name
 from drivebus.service.auth.rights import Right, Role
 from drivebus.service.auth.users import OneTimeCode, Token, User, UserDatabase, UserFile
 
@@ -158,6 +158,25 @@ def test_a_mark_without_its_letter_and_one_that_hides_or_covers_letters_is_rejec
     with pytest.raises(InvalidInput) as rejected:
         UserDatabase().with_user(User(normalized_name(name), Role.VIEWER, None, 1))
     assert rejected.value.key == "auth.bad_name"
+
+
+@pytest.mark.parametrize("name", ["กิิ", "שָָרה", "q̣̣", "ạ̣", "क्क््"])
+def test_a_letter_with_the_same_mark_twice_is_rejected(name: str) -> None:
+    """Both marks are drawn in one place: the name looked like that of another user."""
+    with pytest.raises(InvalidInput) as rejected:
+        check_user_name(normalized_name(name))
+    assert rejected.value.key == "auth.bad_name"
+    assert "64 characters, marks included" in str(rejected.value)
+
+
+@pytest.mark.parametrize(("name", "alike"), [("น้ำ", "นํ้า"), ("ນ້ຳ", "ນໍ້າ"), ("กิ้", "ก้ิ")])
+def test_the_order_in_which_the_marks_of_a_letter_are_written_makes_no_other_name(name: str, alike: str) -> None:
+    """Two users had names that are drawn in the same way."""
+    for first, second in ((name, alike), (alike, name)):
+        database = UserDatabase().with_user(User(normalized_name(first), Role.VIEWER, None, 1))
+        with pytest.raises(Conflict) as rejected:
+            database.with_user(User(normalized_name(second), Role.VIEWER, None, 1))
+        assert rejected.value.key == "auth.name_taken"
 
 
 @pytest.mark.parametrize(("name", "alike"), [("आशा", "अाशा"), ("ओम", "अाेम"), ("আলি", "অালি"), ("ঔৡ", "ঔৠ"), ("ဩ", "သြ")])

@@ -20,6 +20,11 @@ _DIACRITICS = frozenset("\u0300\u0301\u0302\u0303\u0304\u0306\u0308\u0309\u030a\
 _WITH_DIACRITICS = frozenset({"LATIN", "GREEK", "CYRILLIC"})
 _VOWELS_AM = (("\u0e4d\u0e32", "\u0e33"), ("\u0ecd\u0eb2", "\u0eb3"))
 """A vowel of Thai and of Lao that NFKC takes apart: with a tone mark its parts are drawn in another place."""
+_SPLIT_AM = (
+    (re.compile("\u0e4d([\u0e48-\u0e4b]+)\u0e32"), "\\1\u0e33"),
+    (re.compile("\u0ecd([\u0ec8-\u0ecb]+)\u0eb2"), "\\1\u0eb3"),
+)
+"""The same vowel with its first part before the tone marks: it looks like the whole one after them."""
 _INVISIBLE = re.compile(f"[{INVISIBLE_RANGES}]")
 _EAST_ASIAN = frozenset(
     {"LATIN", "CJK", "HIRAGANA", "KATAKANA", "HANGUL", "BOPOMOFO", "IDEOGRAPHIC", "KATAKANA-HIRAGANA"}
@@ -37,7 +42,36 @@ def normalized_name(name: str) -> str:
 
 def appearance(name: str) -> str:
     """Return a text that is the same for names that look the same although their letters are of other scripts."""
-    return normalized_name(normalized_name(name).translate(_look_alikes()))  # marks in their order again
+    marks_in_order = "".join(map(_sort_marks, _letters_with_marks(normalized_name(name).translate(_look_alikes()))))
+    for pattern, letter in _SPLIT_AM:
+        marks_in_order = pattern.sub(letter, marks_in_order)
+    return normalized_name(marks_in_order)
+
+
+def _letters_with_marks(name: str) -> list[str]:
+    """Return the letters of a name, each with the marks after it."""
+    letters: list[str] = []
+    for character in name:
+        if letters and _is_mark(character):
+            letters[-1] += character
+        else:
+            letters.append(character)
+    return letters
+
+
+def _sort_marks(letter: str) -> str:
+    """Return a letter with its marks in an order that does not depend on how they were written."""
+    return letter[:1] + "".join(sorted(letter[1:], key=lambda mark: (unicodedata.combining(mark), mark)))
+
+
+def _is_mark(character: str) -> bool:
+    return unicodedata.category(character) in ("Mn", "Mc")
+
+
+def _has_mark_twice(name: str) -> bool:
+    """Return whether a letter has the same mark twice: both are drawn in one place."""
+    letters = _letters_with_marks(unicodedata.normalize("NFD", name))
+    return any(len(set(letter[1:])) < len(letter) - 1 for letter in letters)
 
 
 @cache
@@ -57,7 +91,7 @@ def _look_alikes() -> dict[int, str]:
 def check_user_name(name: str) -> None:
     """Check that a user may have this name. Raises InvalidInput."""
     letters = _without_marks(name)
-    is_visible = len(name) <= MAX_NAME_LENGTH and not _INVISIBLE.search(name)
+    is_visible = len(name) <= MAX_NAME_LENGTH and not _INVISIBLE.search(name) and not _has_mark_twice(name)
     if not (is_visible and _USER_NAME.fullmatch(letters) and name == normalized_name(name)):
         raise InvalidInput("auth.bad_name", name=name)
     scripts = {_script(letter) for letter in letters if letter.isalpha()}
@@ -81,7 +115,7 @@ def _without_marks(name: str) -> str:
 
 def _is_mark_of(character: str, letter: str) -> bool:
     """Return whether a character is a mark that this letter may have: of its own script, or a known diacritic."""
-    if unicodedata.category(character) not in ("Mn", "Mc") or not letter.isalpha():
+    if not (_is_mark(character) and letter.isalpha()):
         return False
     return _script(character) == _script(letter) or (character in _DIACRITICS and _script(letter) in _WITH_DIACRITICS)
 
