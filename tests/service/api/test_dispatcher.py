@@ -262,6 +262,18 @@ def test_a_flood_of_stops_is_sent_at_once_and_recorded_as_a_count_beyond_a_budge
     with_dispatcher(scenario, drive_stop={"outcome": {"status": "confirmed", "frames": [{"sent": "01"}]}})
 
 
+def test_the_size_of_a_local_users_records_is_not_computed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No budget limits them, and encoding the record of a stop of many drives delays the buses."""
+    monkeypatch.delattr("drivebus.service.api.dispatcher.record_octets")
+
+    async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
+        assert await dispatcher.call("drive.stop", FAN, LOCAL) == {}
+        with pytest.raises(NameError):
+            await dispatcher.call("drive.stop", FAN, remote_actor("ann"))
+
+    with_dispatcher(scenario, drive_stop={})
+
+
 @pytest.mark.usefixtures("small_burst")
 def test_stops_beyond_the_budget_are_on_the_bus_at_once_and_stop_the_motor() -> None:
     """A flood of stops was tested with a handler that sends nothing."""

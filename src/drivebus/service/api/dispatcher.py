@@ -266,7 +266,8 @@ class Dispatcher:
 
     def _charge(self, budget: RecordBudget, actor: Actor, entry: AuditEntry) -> AuditEntry:
         """Charge the entry of an outcome, and that of its request, which is no larger, to the actor's budget."""
-        budget.spend(actor, 2 * record_octets(entry), self.plant.now())
+        if actor.remote:
+            budget.spend(actor, 2 * record_octets(entry), self.plant.now())
         return entry
 
     def _charge_unsent(self, actor: Actor, entry: AuditEntry) -> AuditEntry:
