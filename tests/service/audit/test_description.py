@@ -213,7 +213,7 @@ def test_a_count_of_requests_names_their_number_and_author() -> None:
     others = described(record("drive.stop", "*", outcome="counted", who="eve", times=5))
     assert others["text"] == {
         "en": "Bus stop of other targets: 5 times, by eve",
-        "zh": "总线停机：其他对象：5 次，来自 eve",
+        "zh": "停止其他对象（总线停止）：5 次，来自 eve",
     }
     anonymous = described(record("refused", "*", outcome="*", who="", times=5))
     assert anonymous["text"]["en"] == "Request denied: other targets: 5 times"
