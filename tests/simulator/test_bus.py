@@ -17,7 +17,8 @@ from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.models.catalog import make_station
 from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
 from drivebus.simulator.station import SimulatedStation
-from fixtures.simulator import SimulatorClient, run_virtual
+from fixtures.drives import run_virtual
+from fixtures.simulator import SimulatorClient
 
 STATUS = modbus.ReadRegisters(1, 0x3000, 4)
 

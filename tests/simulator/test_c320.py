@@ -11,7 +11,8 @@ import pytest
 from drivebus.protocols import sunfar
 from drivebus.protocols.sunfar import SunfarOperation, SunfarResponse, SunfarState
 from drivebus.simulator.motor import Trip
-from fixtures.simulator import SimulatorClient, run_virtual
+from fixtures.drives import run_virtual
+from fixtures.simulator import SimulatorClient
 
 
 def control(operation: SunfarOperation, data: int = 0, address: int = 1) -> sunfar.SunfarControl:

@@ -9,7 +9,8 @@ import pytest
 
 from drivebus.protocols import modbus
 from drivebus.simulator.motor import Trip
-from fixtures.simulator import SimulatorClient, run_virtual
+from fixtures.drives import run_virtual
+from fixtures.simulator import SimulatorClient
 
 ASCII = modbus.ModbusAsciiCodec("short")
 

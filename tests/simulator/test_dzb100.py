@@ -11,7 +11,8 @@ from drivebus.protocols import dzb100
 from drivebus.protocols.dzb100 import Dzb100Command
 from drivebus.simulator.models.dzb100 import decode_steps, encode_steps
 from drivebus.simulator.motor import Trip
-from fixtures.simulator import SimulatorClient, run_virtual
+from fixtures.drives import run_virtual
+from fixtures.simulator import SimulatorClient
 
 
 def frame_bytes(frame: str) -> bytes:

@@ -19,7 +19,8 @@ from drivebus.simulator.models.vc660 import (
     parameter_index,
 )
 from drivebus.simulator.motor import Trip
-from fixtures.simulator import SimulatorClient, run_virtual
+from fixtures.drives import run_virtual
+from fixtures.simulator import SimulatorClient
 
 
 def rtu(text: str) -> bytes:
