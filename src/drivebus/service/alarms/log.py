@@ -103,8 +103,8 @@ class AlarmLog:
         Raises InvalidParameters for an unknown cursor.
         """
         newest_first = sorted(self._alarms.values(), key=lambda alarm: -alarm_number(alarm.id))
-        wanted = (a for a in newest_first if from_ms <= a.raised_ms < to_ms and drive in (None, a.drive))
-        shown = map(self._with_acknowledgement, wanted)
+        matching = (a for a in newest_first if from_ms <= a.raised_ms < to_ms and drive in (None, a.drive))
+        shown = map(self._with_acknowledgement, matching)
         return page(((alarm_number(alarm.id), alarm.as_json) for alarm in shown), cursor, limit)
 
     def _remember(self, alarm: Alarm) -> None:

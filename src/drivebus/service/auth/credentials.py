@@ -87,8 +87,8 @@ class TokenCredential:
     @property
     def actor(self) -> Actor:
         """Actor with the rights of this moment: those of the token that its user still has."""
-        held = self.context.database().rights_of(self.token.user) & set(self.token.rights)
-        rights: frozenset[Right] = frozenset() if self.end_reason else held
+        effective = self.context.database().rights_of(self.token.user) & set(self.token.rights)
+        rights: frozenset[Right] = frozenset() if self.end_reason else effective
         name = f"{self.token.user}/{self.token.name}"
         return Actor(name, rights, f"token-{self.token.id}", remote=True, address=self.address)
 

@@ -77,16 +77,16 @@ class ControlLeases:
         if self.has_ended(actor.session, now):
             raise ControlNotHeld("plant.session_has_ended", drive=drive)
         lease = self.get(drive, now)
-        taken = lease if lease is not None and not lease.actor.is_same_session(actor) else None
-        if taken is not None and not actor.may(Right.WRITE_PARAMETERS):
-            raise _not_owner_error(taken)
+        other = lease if lease is not None and not lease.actor.is_same_session(actor) else None
+        if other is not None and not actor.may(Right.WRITE_PARAMETERS):
+            raise _not_owner_error(other)
         old = self._leases.get(drive)
         self._leases[drive] = ControlLease(drive, actor, now + LEASE_TTL_S)
         if old is not None and not old.actor.is_same_session(actor):
-            if taken is None:
+            if other is None:
                 self._replaced_expired.append(old)
             self._on_control_end(drive)
-        return taken
+        return other
 
     def renew(self, drive: str, actor: Actor, now: float) -> ControlLease:
         """Extend a lease. Raises ControlNotHeld where it has ended or is another session's."""
@@ -154,10 +154,10 @@ class ControlLeases:
         """End the leases of a session that has ended and return them; for a moment it takes no other."""
         self._ended_sessions = {ended: until for ended, until in self._ended_sessions.items() if now < until}
         self._ended_sessions[session] = now + ENDED_SESSION_TTL_S
-        held = [lease for drive in self._leases if (lease := self.get(drive, now)) and lease.actor.session == session]
-        for lease in held:
+        leases = [lease for drive in self._leases if (lease := self.get(drive, now)) and lease.actor.session == session]
+        for lease in leases:
             self._end(lease)
-        return held
+        return leases
 
     def has_ended(self, session: str, now: float) -> bool:
         """Return whether a session ended within ``ENDED_SESSION_TTL_S``."""
