@@ -436,6 +436,28 @@ def test_stations_of_a_large_group_are_counted(scripts: Any) -> None:
     assert found["text"] == "on station 0 to 29: refused"
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("steps", ["set F0.2 to 2", ["set F0.2 to 2"]], ids=["rendered", "replaced"])
+@pytest.mark.parametrize(("model", "stations", "expected"), [("c320", (2, 3), "2, 3"), ("vc660", (6, 7), "6, 7")])
+def test_a_model_with_the_digit_of_a_station_stays_whole_in_a_merged_sentence(
+    scripts: Any, language: str, steps: Any, model: str, stations: tuple[int, ...], expected: str
+) -> None:
+    """Regression: "c32, 30 at station 2 does not accept commands"."""
+    scripts.evaluate("(name) => import('/static/js/i18n.js').then((m) => m.loadLanguage(name))", language)
+    items = []
+    for station in stations:
+        params = {"model": model, "station": station, "steps": "set F0.2 to 2"}
+        text = {name: i18n.text("drives.preflight", name, **params) for name in ("en", "zh")}
+        items.append(
+            {"id": f"d{station}", "key": "drives.preflight", "params": params | {"steps": steps}, "text": text}
+        )
+    (found,) = call(scripts, "control/merge-sentences", f"m.mergeSentences({json.dumps(items)})")
+    expected = expected if language == "en" else expected.replace(", ", "、")
+    assert found["text"] == i18n.text(
+        "drives.preflight", language, model=model, station=expected, steps="set F0.2 to 2"
+    )
+
+
 @pytest.mark.parametrize(("language", "expected"), [("en", "all 3 drives may keep"), ("zh", "全部 3 台可能")])
 def test_a_sentence_about_all_drives_of_a_group_has_their_number(scripts: Any, language: str, expected: str) -> None:
     """Regression: each reason of a group of 30 began with the same eight names and "and 22 more"."""

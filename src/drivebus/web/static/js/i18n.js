@@ -76,9 +76,17 @@ function joined(left, right) {
   return hasNoSpace ? left.trimEnd() + right.trimStart() : left + right;
 }
 
-/** `sentence` with `value` in place of its first `old`. */
+/** Place of a whole name or number in a sentence, -1 without one: the 2 of "c320" and "F0.2" is none. */
+export function placeOf(sentence, word) {
+  for (let at = sentence.indexOf(word); at >= 0; at = sentence.indexOf(word, at + 1)) {
+    if (!/\w[.-]?$/.test(sentence.slice(0, at)) && !/^[.-]?\w/.test(sentence.slice(at + word.length))) return at;
+  }
+  return -1;
+}
+
+/** `sentence` with `value` in place of the first whole `old` in it. */
 export function replaced(sentence, old, value) {
-  const at = sentence.indexOf(old);
+  const at = placeOf(sentence, old);
   return at < 0 ? sentence : joined(joined(sentence.slice(0, at), value), sentence.slice(at + old.length));
 }
 

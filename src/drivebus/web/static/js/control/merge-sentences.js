@@ -1,5 +1,5 @@
 // Equal sentences about several drives as one: the drives are named together, measured values become a range.
-import { localized, replaced, t } from "../i18n.js";
+import { localized, placeOf, replaced, t } from "../i18n.js";
 import { drive } from "../store.js";
 import { busTitle, listDrives, shortList } from "../titles.js";
 
@@ -27,13 +27,15 @@ export function mergeSentences(items, total = null) {
 }
 
 function mergedText(alike, names) {
-  const [{ params }] = alike;
+  const [{ key, params }] = alike;
   const text = MEASURED_PARAMETERS.reduce((sentence, name) => withRange(sentence, alike, name), localized(alike[0].text));
-  const found = DRIVE_PARAMETERS.find((name) => params?.[name] !== undefined && text.includes(String(params[name])));
+  const found = DRIVE_PARAMETERS.find((name) => params?.[name] !== undefined && placeOf(text, String(params[name])) >= 0);
   if (!found || (alike.length === 1 && found !== "drive")) return { text, isNamed: false };
   const isNamed = found === "drive";
   const own = isNamed ? names : listStations(alike, found);
-  return { text: replaced(text, String(params[found]), own), isNamed };
+  // A parameter that the service writes in a way of its own, such as a list, is only in its text.
+  const isOfCatalogue = t(key, params) === text;
+  return { text: isOfCatalogue ? t(key, { ...params, [found]: own }) : replaced(text, String(params[found]), own), isNamed };
 }
 
 /** Stations of drives with the name of their bus: "1 to 30 (Line 1), 4 (Line 2)". `name` is the parameter with the station. */
