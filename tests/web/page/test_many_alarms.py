@@ -65,11 +65,52 @@ def test_an_alarm_sounds_in_one_tab_of_the_browser_and_in_another_when_that_is_c
     trip(stage, "fan-1")
     for tab in (page, other):
         tab.wait_for_function("() => document.title.startsWith('(1) ')")
-    page.wait_for_function(HAS_SOUNDED)
-    other.evaluate(DRAWN)
-    assert other.evaluate("window.tones") == 0
-    page.close()
     other.wait_for_function(HAS_SOUNDED)
+    page.evaluate(DRAWN)
+    assert page.evaluate("window.tones") == 0
+    other.close()
+    page.wait_for_function(HAS_SOUNDED)
+
+
+TAKE_LOCK = """() => new Promise((resolve) => {
+  const hold = () => new Promise(() => resolve());
+  navigator.locks.request('drivebus.alarm-sound', { steal: true }, hold);
+})"""
+"""Script: a tab takes the lock and never sounds, as one that the browser has suspended."""
+SHOW = "() => document.dispatchEvent(new Event('visibilitychange'))"
+HIDE = "() => { Object.defineProperty(document, 'hidden', { value: true }); (SHOW)(); }".replace("SHOW", SHOW)
+
+
+def test_a_tab_in_front_sounds_while_a_suspended_one_has_the_lock(stage: Stage, visit: Any) -> None:
+    """Regression: a background tab that a tablet had suspended kept the lock, and no tab sounded."""
+    page = visit("#/settings", role="operator")
+    other = page.context.new_page()
+    other.goto(page.url)
+    wait_until_live(other)
+    other.evaluate(TAKE_LOCK)
+    page.evaluate(TONES)
+    page.click("h1")
+    trip(stage, "fan-1")
+    page.wait_for_function(HAS_SOUNDED)
+
+
+@pytest.mark.parametrize("is_shown", [True, False], ids=["is shown", "sees the other one hidden"])
+def test_a_tab_takes_the_sound_back_when_it_is_shown_or_the_other_one_hidden(
+    stage: Stage, visit: Any, *, is_shown: bool
+) -> None:
+    page = visit("#/settings", role="operator")
+    other = page.context.new_page()
+    other.goto(page.url)
+    wait_until_live(other)
+    page.evaluate(TONES)
+    page.click("h1")
+    other.evaluate(TAKE_LOCK)
+    trip(stage, "fan-1")
+    page.wait_for_function("() => document.title.startsWith('(1) ')")
+    page.evaluate(DRAWN)
+    assert page.evaluate("window.tones") == 0, "one tab sounds"
+    page.evaluate(SHOW) if is_shown else other.evaluate(HIDE)
+    page.wait_for_function(HAS_SOUNDED)
 
 
 def test_an_alarm_sounds_in_a_browser_without_locks(stage: Stage, visit: Any) -> None:

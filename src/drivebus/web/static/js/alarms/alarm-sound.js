@@ -61,20 +61,39 @@ function playRepeatedly() {
 const isSoundingTab = signal(!navigator.locks);
 
 /**
- * Hold the lock while this tab could sound, so that one of several tabs does. A tab whose connection is lost leaves it to one
- * that is waiting for it.
+ * Hold the lock while this tab could sound, so that one of several tabs does: the visible one that was shown or
+ * first clicked last. A hidden tab may be suspended, as on a tablet: it keeps the lock only until a visible one takes it. A
+ * tab whose connection is lost leaves it to one that is waiting for it.
  */
 function shareSound() {
   if (!navigator.locks) return;
   const canSound = computed(() => loggedIn.value && isSoundOn.value && isSoundPermitted.value);
+  const turn = signal(0);
+  const tabs = new BroadcastChannel(LOCK);
+  tabs.onmessage = () => { if (!document.hidden && !isSoundingTab.peek()) turn.value += 1; };
+  document.addEventListener("visibilitychange", () => {
+    if (document.hidden) tabs.postMessage("hidden");
+    else turn.value += 1;
+  });
   effect(() => {
-    isLive.value;
+    turn.value;
     if (!canSound.value) return undefined;
     const waiting = new AbortController();
-    let release = () => waiting.abort();
-    const hold = () => new Promise((resolve) => { release = resolve; isSoundingTab.value = true; });
-    navigator.locks.request(LOCK, { signal: waiting.signal }, hold).catch(() => null); // ended before its turn
-    return () => { isSoundingTab.value = false; release(); };
+    const { signal: ended } = waiting;
+    const hold = () => (ended.aborted ? null : new Promise((resolve) => {
+      ended.addEventListener("abort", resolve);
+      isSoundingTab.value = true;
+    }));
+    const request = (options) => navigator.locks.request(LOCK, options, hold).catch(({ name }) => {
+      if (ended.aborted || name !== "AbortError") return;
+      isSoundingTab.value = false; // another tab has taken the lock
+      request({ signal: ended });
+    });
+    request(isLive.value && !document.hidden ? { steal: true } : { signal: ended });
+    return () => {
+      isSoundingTab.value = false;
+      waiting.abort();
+    };
   });
 }
 
