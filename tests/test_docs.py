@@ -230,6 +230,19 @@ def test_both_changelogs_have_the_same_headings_with_as_many_entries_under_each(
     ]
 
 
+def test_the_entries_of_both_changelogs_are_in_the_same_order() -> None:
+    """Entries at the same place have code in common, where both have some."""
+    pages = (
+        re.sub(r"\n +", " ", (ROOT / name).read_text(encoding="utf-8")) for name in ("CHANGELOG.md", "CHANGELOG.zh.md")
+    )
+    english, chinese = (
+        [set(re.findall("`[^`]+`", line)) for line in page.splitlines() if line.startswith("- ")] for page in pages
+    )
+    pairs = [(one, other) for one, other in zip(english, chinese, strict=True) if one and other]
+    assert len(pairs) > 100
+    assert [pair for pair in pairs if set.isdisjoint(*pair)] == []
+
+
 @pytest.mark.parametrize("page", ["CHANGELOG.md", "CHANGELOG.zh.md"])
 def test_an_entry_of_the_changelog_stands_once_and_under_the_heading_of_its_subject(page: str) -> None:
     sections = changelog_entries(page)
