@@ -13,7 +13,6 @@ from drivebus.service.api.denial_log import COUNTED, DenialKind, DenialLog, try_
 from drivebus.service.api.operations import Operation
 from drivebus.service.api.record_budget import RecordBudget
 from drivebus.service.audit import AuditEntry
-from drivebus.service.audit.records import record_octets
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.credentials import Credential
 from drivebus.service.auth.errors import AuthUnavailable
@@ -68,7 +67,7 @@ class WebContext:
             await self.denials.record_denial(operation.method, operation.path, error.key, actor)
             raise
         requested = audit_entry(what, target, params, outcome="requested")
-        self.budget.spend(actor, 2 * record_octets(AuditEntry.from_json(requested, actor)), now)
+        self.budget.charge(actor, AuditEntry.from_json(requested, actor), now)
         if not await try_record(self.client, requested, actor):
             change.close()
             raise AuthUnavailable("auth.no_record")

@@ -264,7 +264,7 @@ def test_a_flood_of_stops_is_sent_at_once_and_recorded_as_a_count_beyond_a_budge
 
 def test_the_size_of_a_local_users_records_is_not_computed(monkeypatch: pytest.MonkeyPatch) -> None:
     """No budget limits them, and encoding the record of a stop of many drives delays the buses."""
-    monkeypatch.delattr("drivebus.service.api.dispatcher.record_octets")
+    monkeypatch.delattr("drivebus.service.api.record_budget.record_octets")
 
     async def scenario(kit: ServiceKit, dispatcher: Dispatcher) -> None:
         assert await dispatcher.call("drive.stop", FAN, LOCAL) == {}

@@ -265,9 +265,8 @@ class Dispatcher:
         self.plant.audit.record_nowait(entry)
 
     def _charge(self, budget: RecordBudget, actor: Actor, entry: AuditEntry) -> AuditEntry:
-        """Charge the entry of an outcome, and that of its request, which is no larger, to the actor's budget."""
-        if actor.remote:
-            budget.spend(actor, 2 * record_octets(entry), self.plant.now())
+        """Charge the records of a command to the actor's budget; return the entry of its outcome."""
+        budget.charge(actor, entry, self.plant.now())
         return entry
 
     def _charge_unsent(self, actor: Actor, entry: AuditEntry) -> AuditEntry:

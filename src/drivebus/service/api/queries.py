@@ -6,7 +6,7 @@ from drivebus import profiles
 from drivebus.errors import CapabilityError, NotFound, ProfileError
 from drivebus.profiles.listing import list_models
 from drivebus.profiles.load import model_name
-from drivebus.profiles.notation import find_entry
+from drivebus.profiles.notation import find_entries
 from drivebus.service.api.errors import error_to_json
 from drivebus.service.api.frames import frame_json
 from drivebus.service.api.handlers import handles
@@ -158,11 +158,9 @@ class Queries:
         known: list[str] = []
         refused: Json = {}
         async for name in iter_cooperatively(params.names, NAMES_PER_TURN):
-            try:
-                find_entry(drive.profile, name)
-                known.append(name)
-            except ProfileError as error:
-                refused[name] = error_to_json(error)
+            entries, unknown = find_entries(drive.profile, [name])
+            known += entries
+            refused |= {name: error_to_json(error) for name, error in unknown.items()}
         readings = await drive.drive.read(known) if known else {}
         return {"parameters": readings_json(drive.profile, readings), "refused": refused}
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from math import ceil
 
 from drivebus.errors import TooManyCommands
+from drivebus.service.audit import AuditEntry
+from drivebus.service.audit.records import record_octets
 from drivebus.service.auth.actor import Actor
 
 MAX_BURST_OCTETS = 4_000_000  # at once: about 3,500 refused commands, or 1,300 stops
@@ -32,6 +34,11 @@ class RecordBudget:
         wait_s = self.wait_s(actor, now)
         if wait_s > 0:
             raise TooManyCommands("plant.too_many_commands", name=actor.user, retry_s=ceil(10 * wait_s) / 10)
+
+    def charge(self, actor: Actor, entry: AuditEntry, now: float) -> None:
+        """Charge the entry of an outcome, and that of its request, which is no larger."""
+        if actor.remote:
+            self.spend(actor, 2 * record_octets(entry), now)
 
     def spend(self, actor: Actor, octets: int, now: float) -> None:
         """Take ``octets`` from the actor's budget."""
