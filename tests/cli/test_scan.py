@@ -102,3 +102,13 @@ def test_the_advice_after_a_scan_without_a_drive_fits_the_terminal(
 def test_the_end_of_a_replayed_capture_is_not_answered_with_the_plug_of_an_adapter() -> None:
     lost = PortLost("ports.lost", port="replay:///trip.dbcap", reason=PortLost("ports.capture_end"))
     assert error_hint(lost) == i18n.text("hint.ports.capture_end", output.language())
+
+
+@pytest.mark.parametrize("command", ["scan", "monitor"])
+def test_a_port_that_can_not_be_opened_is_not_listened_on(command: str) -> None:
+    """``Listening for 2 s before sending …`` stood above the error of a port that does not exist."""
+    lang = ("--lang", "en")
+    failed = CliRunner().invoke(cli, [command, "/dev/ttyDRIVEBUS99", *lang])
+    assert failed.exit_code == 1 and "does not exist" in failed.stderr and "Listening" not in failed.stderr
+    words = ("scan", "sim://vc660@3", "--models", "vc660", "--addresses", "3", "--listen-seconds", "0.01")
+    assert "Listening for 0.01 s" in CliRunner().invoke(cli, [*words, *lang]).stderr

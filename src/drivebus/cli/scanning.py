@@ -133,8 +133,7 @@ async def listen_for_master(port: Port, seconds: float) -> SniffResult:
     """Listen before the first request, and print whether another master is active. Raises PortUnavailable."""
     from drivebus.commissioning import scan
 
-    output.print_note("scan.listening", seconds=f"{seconds:g}")
-    sniffed = await scan.sniff(port, seconds)
+    sniffed = await scan.sniff(port, seconds, lambda: output.print_note("scan.listening", seconds=f"{seconds:g}"))
     if sniffed.count:
         output.print_note("scan.foreign", count=sniffed.count, seconds=f"{sniffed.seconds:g}")
     return sniffed

@@ -129,14 +129,15 @@ class _Sniffer:
         pass
 
 
-async def sniff(port: Port, seconds: float) -> SniffResult:
+async def sniff(port: Port, seconds: float, on_open: Callable[[], None] = lambda: None) -> SniffResult:
     """Listen for this long without sending; any byte means that another master is on the bus.
 
-    Raises PortUnavailable.
+    ``on_open`` is called once the port is open. Raises PortUnavailable.
     """
     sniffer = _Sniffer()
     await port.open(sniffer)
     try:
+        on_open()
         await asyncio.sleep(seconds)
     finally:
         await port.close()
