@@ -11,6 +11,7 @@ from drivebus import i18n
 from drivebus.errors import ConfigurationError
 from drivebus.profiles import toml_file
 from drivebus.service import config
+from drivebus.simulator.port import find_simulated_bus
 from drivebus.values import Text
 from drivebus.web import gateway
 from fixtures.rejected_files import all_expected_kinds, check_diagnostics, check_pairs
@@ -85,6 +86,18 @@ def test_no_issue_carries_a_control_character_into_a_log() -> None:
         reply_text = caught.value.text(language)
         assert reply_text.count("\n") == len(kinds), "a line each"
         assert not set(reply_text) & {"\x1b", "\u202e"}
+
+
+@pytest.mark.parametrize("name", ["", "name=checked&"])
+def test_a_simulated_bus_is_checked_with_and_without_a_name(name: str) -> None:
+    """``check`` accepted ``sim://…?name=x&drives=3``, which ``serve`` rejects; a check leaves no bus in its process."""
+    text = (REJECTED / "unknown-bus.toml").read_text().replace('bus = "aa"', 'bus = "a"')
+    with pytest.raises(ConfigurationError) as caught:
+        config.loads(text.replace("sim://c320@1-3", f"sim://c320@1-3?{name}drives=3"))
+    assert [one.kind for one in caught.value.params["diagnostics"]] == ["port_url"]
+    config.loads(text.replace("sim://c320@1-3", f"sim://c320@1-3?{name}drives=9600-8E1"))
+    with pytest.raises(KeyError):
+        find_simulated_bus("checked")
 
 
 def test_a_password_in_a_database_url_is_not_repeated() -> None:

@@ -73,8 +73,9 @@ def is_format(text: str) -> bool:
 def _parse_port_url(bus: BusTable) -> PortUrl:
     """Parse the port URL of a bus. Raises PortUrlError, ConfigurationError, also for an unknown option."""
     url = parse_port_url(bus.port, baud=bus.baud, format=bus.format)
-    if url.scheme not in _UNOPENED_SCHEMES and not (url.path and "name" in url.options):
-        ports.open_port(bus.port, baud=bus.baud, format=bus.format)
+    if url.scheme not in _UNOPENED_SCHEMES:
+        name = "" if url.scheme == "sim" else None  # a simulated bus with a name would stay in this process
+        ports.open_port(bus.port, baud=bus.baud, format=bus.format, name=name)
     return url
 
 
