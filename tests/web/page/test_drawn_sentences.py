@@ -513,6 +513,38 @@ def test_only_a_stop_that_is_being_repeated_is_called_not_confirmed_yet(draw: Dr
         assert shown(text, ["page.stop_pending"]) == ["page.stop_pending"] * pending
 
 
+def test_a_bus_that_has_hardly_any_time_left_is_called_full_and_no_interval_of_its_polls_is_promised(
+    draw: Draw, fan: Any, plant: Stage
+) -> None:
+    """Regression: its bar was amber without a word, and below it stood an interval that its polls no longer kept."""
+    slow = fan | {"poll_interval_s": 15.0, "requested_interval_s": 0.5}
+    keys = ["page.bus_full", "page.bus_full_is", "page.bus_full_why", "page.bus_polls_slowly_why"]
+    for occupied in (89.9, 90.0):
+        view = plant.call("buses.get", bus="fans") | {"occupied_percent": occupied}
+        topics = {"buses/fans": view, "drives/fan-1": slow}
+        text = draw("pages/buses", "Page", {"id": "fans"}, topics=topics)
+        assert shown(text, keys, share=f"{occupied} %", serial=view["serial"]) == (
+            keys[3:] if occupied < 90 else keys[:3]
+        )
+
+
+@pytest.mark.parametrize(("is_open", "connection"), [(False, "live"), (True, "lost")])
+def test_without_its_port_or_a_live_connection_the_load_of_a_bus_is_not_known(
+    draw: Draw, plant: Stage, is_open: bool, connection: str
+) -> None:
+    """Regression: the last load before that stood there as if it were measured now."""
+    view = plant.call("buses.get", bus="fans")
+    stations = [station | {"load_percent": 21.4} for station in view["stations"]]
+    view |= {"load_percent": 41.4, "occupied_percent": 95.5, "transactions_per_s": 12.5, "stations": stations}
+    figures = ["41.4", "95.5", "96 %", "12.5", "21.4", i18n.text("page.bus_full", "en")]
+    known = draw("pages/buses", "Page", {"id": "fans"}, topics={"buses/fans": view})
+    assert [value for value in figures if value not in known] == []
+    lost = {"buses/fans": view | {"is_open": is_open}}
+    text = draw("pages/buses", "Page", {"id": "fans"}, topics=lost, connection=connection)
+    assert [value for value in figures if value in text] == []
+    assert shown(text, ["page.state_was"]) == ["page.state_was"] * (connection == "lost")
+
+
 def test_another_master_is_named_on_its_bus_alone(draw: Draw, plant: Stage) -> None:
     keys = ["page.foreign_master", "page.foreign_master_why"]
     for foreign in (False, True):

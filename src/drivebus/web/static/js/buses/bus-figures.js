@@ -1,6 +1,19 @@
 // Shares, times and counts of the buses as text.
 import { hasKey, t } from "../i18n.js";
 import { NO_VALUE } from "../format.js";
+import { isLive } from "../live.js";
+
+/** Percent of its time from which a bus has hardly any left: polls may come late. */
+const FULL_PERCENT = 90;
+
+/** A bus as it may be shown now: without its port or a live connection, its load is not known. */
+export function knownBus(view) {
+  if (!view || (view.is_open && isLive.value)) return view;
+  const stations = view.stations.map((station) => ({ ...station, load_percent: null }));
+  return { ...view, load_percent: null, occupied_percent: null, transactions_per_s: null, stations };
+}
+
+export const isFull = (view) => view.occupied_percent !== null && view.occupied_percent >= FULL_PERCENT;
 
 /** A share of 1 as "0.3 %"; small shares keep one significant digit. */
 export function percent(share) {

@@ -1,6 +1,7 @@
 // Stations of a bus in cable order: errors that begin at one station point at the cable before it.
 import { html } from "../lib.js";
 import { t } from "../i18n.js";
+import { isLive } from "../live.js";
 import { NO_VALUE } from "../format.js";
 import { Icon } from "../icons.js";
 import { href } from "../router.js";
@@ -18,6 +19,9 @@ const ERROR_RATE_WARNING = 0.01;
 const presenceOf = ({ drive: id, presence }) =>
   (presence !== "online" && drive(id).value?.unusable_reply ? "unusable" : presence);
 
+/** [icon, tone] of the presence, which may be over without a live connection. */
+const appearanceOf = (station) => (isLive.value && PRESENCE_APPEARANCES[presenceOf(station)]) || PRESENCE_APPEARANCES.never_seen;
+
 /** The host, the cable and its stations, as one drawing. */
 export function BusTopology({ stations }) {
   return html`<ol class="cable"><li class="host"><span class="node">▣</span><span
@@ -26,8 +30,8 @@ export function BusTopology({ stations }) {
 }
 
 function StationNode({ station }) {
-  const [icon, tone] = PRESENCE_APPEARANCES[presenceOf(station)] ?? PRESENCE_APPEARANCES.never_seen;
-  const doubtful = station.presence === "online" && station.error_rate > ERROR_RATE_WARNING;
+  const [icon, tone] = appearanceOf(station);
+  const doubtful = isLive.value && station.presence === "online" && station.error_rate > ERROR_RATE_WARNING;
   return html`<li class=${doubtful ? "doubt" : tone}><a href=${href("drive", station.drive)}>
     <span class="node"><${Icon} name=${doubtful ? "warning" : icon} size=${22} /></span>
     <span class="name">${driveTitle(station.drive)}</span>
@@ -57,9 +61,10 @@ export function Stations({ stations }) {
 }
 
 function Presence({ station }) {
-  const [icon, tone] = PRESENCE_APPEARANCES[presenceOf(station)] ?? PRESENCE_APPEARANCES.never_seen;
+  const [icon, tone] = appearanceOf(station);
   const word = t(`page.presence_${presenceOf(station)}`);
-  return html`<span class=${`state ${tone}`}><${Icon} name=${icon} size=${18} />${word}</span>`;
+  return html`<span class=${`state ${tone}`}><${Icon} name=${icon} size=${18} />${word}
+    ${!isLive.value && html`<span class="outdated">${t("page.state_was")}</span>`}</span>`;
 }
 
 /** Half of the replies came within the dark part, 95 of 100 within the whole bar. */

@@ -6,11 +6,12 @@ import { bus, drive, idsOf, isAbsent } from "../store.js";
 import { Icon } from "../icons.js";
 import { Loading, Notice } from "../ui.js";
 import { NO_VALUE, duration } from "../format.js";
+import { isLive } from "../live.js";
 import { slowInterval } from "../readings.js";
 import { loadStylesheet } from "../stylesheet.js";
 import { BusTopology, Stations } from "../buses/bus-topology.js";
 import { FrameLog } from "../buses/frame-log.js";
-import { classes, milliseconds, percent } from "../buses/bus-figures.js";
+import { classes, isFull, knownBus, milliseconds, percent } from "../buses/bus-figures.js";
 
 await loadStylesheet("pages");
 
@@ -26,16 +27,19 @@ export function Page({ id }) {
 }
 
 function BusCard({ id, chosen }) {
-  const view = bus(id).value;
+  const view = knownBus(bus(id).value);
   if (!view) return null;
   return html`<a class=${`buscard ${view.is_open ? "" : "closed"}`} href=${href("buses", id)} aria-current=${chosen
     ? "true" : undefined}>
     <span class="name">${titleOf(view)}</span>
     <span class=${`state ${view.is_open ? "calm" : "alarm"}`}><${Icon} name=${view.is_open ? "link" : "silent"}
       size=${18} />
-      <span>${t(view.is_open ? "page.bus_open" : "page.bus_closed")}</span></span>
-    <${Meter} label=${t("page.load")} value=${view.occupied_percent ?? view.load_percent} />
+      <span>${t(view.is_open ? "page.bus_open" : "page.bus_closed")}</span>
+      ${!isLive.value && html`<span class="outdated">${t("page.state_was")}</span>`}</span>
+    <${Meter} label=${t("page.load")} value=${view.occupied_percent} full=${isFull(view)} />
     <span class="small">${t("page.bus_serial", { serial: view.serial ?? "", n: view.stations.length })}</span>
+    ${isFull(view) && html`<span class="small doubtful"><${Icon} name="warning" size=${16} />${" "}
+      ${t("page.bus_full")}</span>`}
     ${view.error_rate > 0.01 && html`<span class="small doubtful"><${Icon} name="warning" size=${16} />${" "}
       ${t("page.errors_are", { share: percent(view.error_rate) })}</span>`}
     ${view.foreign_master && html`<span class="small bad"><${Icon} name="fault"
@@ -43,9 +47,8 @@ function BusCard({ id, chosen }) {
 }
 
 /** A share of 100 as a bar with its number. */
-function Meter({ label, value }) {
+function Meter({ label, value, full }) {
   const known = typeof value === "number";
-  const full = known && value >= 90;
   return html`<span class=${`meter ${full ? "full" : ""}`} role="meter" aria-label=${label} title=${label}
     aria-valuemin="0" aria-valuemax="100" aria-valuenow=${known ? Math.round(value) : 0} aria-valuetext=${known
       ? `${value.toFixed(0)} %` : t("page.no_value")}>
@@ -54,7 +57,7 @@ function Meter({ label, value }) {
 }
 
 function BusDetails({ id }) {
-  const view = bus(id).value;
+  const view = knownBus(bus(id).value);
   if (!view && !isAbsent(`buses/${id}`)) return html`<${Loading} />`;
   if (!view) return html`<${Notice} kind="warning">${t("page.no_such_bus", { id })}<//>`;
   return html`
@@ -63,7 +66,8 @@ function BusDetails({ id }) {
     ${!view.is_open && html`<${Notice} kind="bad"
       title=${t("page.bus_closed_why", { port: view.port })}>${localized(view.problem)}<//>`}
     ${view.slow_adapter && html`<${Notice} kind="warning">${localized(view.slow_adapter)}<//>`}
-    <${SlowPolling} view=${view} />
+    ${isFull(view) ? html`<${Notice} kind="warning" title=${t("page.bus_full_is", { share: percentOf(view.occupied_percent) })}>
+      ${t("page.bus_full_why", { serial: view.serial ?? "" })}<//>` : html`<${SlowPolling} view=${view} />`}
     <section class="panel stack"><h2>${titleOf(view)}</h2><${Facts} view=${view} /></section>
     <section class="panel stack"><h2>${t("page.cable")}</h2><p class="help">${t("page.cable_help")}</p>
       <${BusTopology} stations=${view.stations} /><${Stations} stations=${view.stations} /></section>
@@ -86,7 +90,7 @@ function SlowPolling({ view }) {
 function Facts({ view }) {
   const facts = [
     ["port", html`<code>${view.port}</code> ${view.serial ?? ""}`],
-    ["load", t("page.load_is", { load: percentOf(view.load_percent),
+    ["load", view.load_percent === null ? NO_VALUE : t("page.load_is", { load: percentOf(view.load_percent),
       occupied: percentOf(view.occupied_percent) })],
     ["transactions", view.transactions_per_s === null ? NO_VALUE : t("page.per_second",
       { n: view.transactions_per_s.toFixed(1) })],
@@ -101,4 +105,4 @@ function Facts({ view }) {
     <dt>${t(`page.bus_${name}`)}</dt><dd>${value}</dd></div>`)}</dl>`;
 }
 
-const percentOf = (value) => (typeof value === "number" ? `${value.toFixed(1)} %` : NO_VALUE);
+const percentOf = (value) => `${value.toFixed(1)} %`;
