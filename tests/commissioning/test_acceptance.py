@@ -103,6 +103,22 @@ def test_on_a_good_line_a_step_passes(bench: SimulatedBus, name: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("name", "shown_s"), [("port", 0), ("quiet", 3), ("reply_times", 8), ("stray_replies", 8), ("parity", 2)]
+)
+def test_a_step_that_reads_for_seconds_shows_its_progress_on_a_terminal(
+    bench: SimulatedBus, name: str, shown_s: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """``acceptance`` printed nothing for half a minute: the user could not see whether it hung."""
+    shown: list[tuple[str, float, float]] = []
+    monkeypatch.setattr(output.ProgressBar, "update", lambda bar, *progress: shown.append(progress))
+    step(name, session_class=RealPort)
+    assert {text for text, _, _ in shown} == ({i18n.text(f"acceptance.step.{name}")} if shown_s else set())
+    done = [done_s for _, done_s, _ in shown]
+    assert done == sorted(done) and all(done_s <= total_s for _, done_s, total_s in shown)
+    assert max([total_s for _, _, total_s in shown], default=0) >= shown_s
+
+
+@pytest.mark.parametrize(
     ("name", "reason"), [("exclusive", "acceptance.not.exclusive"), ("parity", "acceptance.not.parity")]
 )
 def test_what_a_simulated_line_cannot_show_is_not_called_passed(bench: SimulatedBus, name: str, reason: str) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
-from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, TypeVar
@@ -32,7 +32,7 @@ WRONG_PARITY_READS = 20
 """Reads with a wrong parity; each waits for its timeout."""
 FAILED_SHARE_MAX = 0.01
 """A bus on which more than 1 % of the reads fail, before their retry, is not well wired."""
-QUIET_OBSERVATION_S = 3.0
+QUIET_OBSERVATION_S = 3
 OTHER_PARITY = {"N": "E", "E": "O", "O": "E"}
 UNSOLICITED_KINDS = ("late", "foreign", "duplicate", "unsolicited", "foreign_request", "collision", "line_errors")
 """Counters that stay at zero on a well wired bus with one master."""
@@ -77,6 +77,10 @@ class AcceptanceSession(ABC):
     @abstractmethod
     async def ask(self, key: str, /, **params: Any) -> str:
         """Return the line typed after a question, in lower case and half-width characters; empty without a terminal."""
+
+    @abstractmethod
+    def progress(self, step: str) -> AbstractContextManager[Callable[[float, float], None]]:
+        """Show the progress of a step that only reads; the function takes the done and the expected seconds."""
 
     async def confirm(self, key: str, /, **params: Any) -> bool:
         """Return whether the answer is yes."""
@@ -162,7 +166,7 @@ async def check_exclusive(session: AcceptanceSession) -> StepOutcome:
 async def check_quiet(session: AcceptanceSession) -> StepOutcome:
     """Check that no byte arrives while drivebus sends nothing."""
     async with session.drive() as (bus, _):
-        await session.race(asyncio.sleep(QUIET_OBSERVATION_S))
+        await session.race(_observe(session))
         received = bus.statistics().bytes_received
     return received == 0, {"observed_s": QUIET_OBSERVATION_S, "bytes_received": received}
 
@@ -170,7 +174,7 @@ async def check_quiet(session: AcceptanceSession) -> StepOutcome:
 async def check_reply_times(session: AcceptanceSession) -> StepOutcome:
     """Measure the reply times and failures of 300 reads."""
     async with session.drive() as (bus, drive):
-        await session.race(_send_reads(bus, drive, TIMING_READS))
+        await session.race(_send_reads(session, "reply_times", bus, drive, TIMING_READS))
         statistics = bus.statistics().stations[drive.address]
     figures: dict[str, Any] = {
         f"reply_{name}_ms": _ms(getattr(statistics, f"reply_{name}_s")) for name in ("p50", "p95", "p99")
@@ -183,7 +187,7 @@ async def check_reply_times(session: AcceptanceSession) -> StepOutcome:
 async def check_stray_replies(session: AcceptanceSession) -> StepOutcome:
     """Check that 300 reads bring no late, foreign or second reply."""
     async with session.drive() as (bus, drive):
-        await session.race(_send_reads(bus, drive, TIMING_READS))
+        await session.race(_send_reads(session, "stray_replies", bus, drive, TIMING_READS))
         counters = bus.statistics().counters
     stray = {name: counters.get(name, 0) for name in UNSOLICITED_KINDS}
     return not any(stray.values()), stray
@@ -197,14 +201,25 @@ async def check_parity(session: AcceptanceSession) -> StepOutcome:
         return None, {}
     other = f"{settings.data_bits}{OTHER_PARITY[settings.parity]}{settings.stop_bits}"
     async with session.drive(other) as (bus, drive):
-        await session.race(_send_reads(bus, drive, WRONG_PARITY_READS))
+        await session.race(_send_reads(session, "parity", bus, drive, WRONG_PARITY_READS))
         statistics = bus.statistics().stations[drive.address]
     return statistics.replies == 0, {"format": other, "reads": WRONG_PARITY_READS, "accepted": statistics.replies}
 
 
-async def _send_reads(bus: Bus, drive: Drive, count: int) -> None:
-    for _ in range(count):
-        await bus.transact(BusRequest(station=drive.address, request=drive.dialect.echo_test_read()))
+async def _observe(session: AcceptanceSession) -> None:
+    with session.progress("quiet") as show:
+        for done_s in range(QUIET_OBSERVATION_S):
+            show(done_s, QUIET_OBSERVATION_S)
+            await asyncio.sleep(1)
+
+
+async def _send_reads(session: AcceptanceSession, step: str, bus: Bus, drive: Drive, count: int) -> None:
+    started_at = bus.now()
+    with session.progress(step) as show:
+        for done in range(1, count + 1):
+            await bus.transact(BusRequest(station=drive.address, request=drive.dialect.echo_test_read()))
+            spent_s = bus.now() - started_at
+            show(spent_s, spent_s * count / done)
 
 
 def _min_reply_s(bus: Bus, drive: Drive) -> float:

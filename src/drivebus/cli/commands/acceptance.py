@@ -6,8 +6,8 @@ import asyncio
 import json
 import sys
 import time
-from collections.abc import AsyncIterator, Awaitable
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -81,6 +81,12 @@ class TerminalAcceptance(AcceptanceSession):
             return ""
         output.print_note(key, **params)
         return normalize_answer(await self.race(_read_line())).strip()
+
+    @contextmanager
+    def progress(self, step: str) -> Iterator[Callable[[float, float], None]]:
+        description = output.text(f"acceptance.step.{step}")
+        with output.ProgressBar() as bar:
+            yield lambda done_s, total_s: bar.update(description, done_s, total_s)
 
 
 async def _boxed(work: Awaitable[T]) -> tuple[T]:
