@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import sys
@@ -20,6 +21,8 @@ from drivebus.cli import errors, output
 from drivebus.cli.stop_errors import note_no_stop
 from drivebus.terminal import PLAIN_ENCODING, discard_output
 
+COMPLETION_VARIABLE = "_DRIVEBUS_COMPLETE"
+"""Environment variable with which a shell asks for completions."""
 _MAX_HELP_CELLS = 100
 _MIN_HELP_CELLS = 50
 _FILE_METAVAR = re.compile(r"FILE|PLANT|DIR|FOLDER|PATH|PORT|OUT|MODEL|SOCKET")
@@ -377,8 +380,10 @@ class LazyGroup(_LocalizedHelp, click.Group):
         sys.exit(copy_context().run(self._run_to_exit_code, arguments, *rest, **named))
 
     def _run_to_exit_code(self, arguments: list[str], *rest: Any, **named: Any) -> int:
-        output.parse_global_options(arguments)
+        settings = output.parse_global_options(arguments)
         _escape_unencodable()
+        if settings.encoding_without_chinese and COMPLETION_VARIABLE not in os.environ:
+            output.print_note("cli.encoding_without_chinese", encoding=settings.encoding_without_chinese)
         try:
             code = self._run_with_errors(arguments, *rest, **named)
             if code not in (errors.ExitCode.DONE, errors.ExitCode.INTERRUPTED):

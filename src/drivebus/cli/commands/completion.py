@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from drivebus.cli import output
-from drivebus.cli.click_ext import Argument, Choice, CliCommand
+from drivebus.cli.click_ext import COMPLETION_VARIABLE, Argument, Choice, CliCommand
 
 COMPLETION_NAMES = {
     "complete_func": "_drivebus_completion",
-    "complete_var": "_DRIVEBUS_COMPLETE",
+    "complete_var": COMPLETION_VARIABLE,
     "prog_name": "drivebus",
 }
 """Names in the script of click."""
@@ -20,7 +20,7 @@ def _complete(shell: str) -> None:
 
     kind = get_completion_class(shell)
     if kind is not None:
-        script = kind(cli, {}, "drivebus", "_DRIVEBUS_COMPLETE").source_template % COMPLETION_NAMES
+        script = kind(cli, {}, "drivebus", COMPLETION_VARIABLE).source_template % COMPLETION_NAMES
         output.print_json({"shell": shell, "script": script})
         output.print_text(script)
 
