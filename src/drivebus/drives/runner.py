@@ -55,6 +55,7 @@ class OperationRunner:
         self._address = drive.dialect.address
         self._store, self._load_stored = store, load_stored
         self._command_lock = asyncio.Lock()
+        self._command_count = 0
         self._shared = SharedTransactions(bus, drive.dialect)
 
     @contextmanager
@@ -64,6 +65,7 @@ class OperationRunner:
         ``requested_at`` counts at most as now: a time by another clock might never expire. An error that leaves the
         block states whether the motor may be running by the command.
         """
+        self._command_count += 1
         now = self.bus.now()
         requested_at = None if requested_at is None else min(now, requested_at)
         op = OperationContext(
@@ -105,7 +107,7 @@ class OperationRunner:
         while isinstance(step, GetBusConditions):
             step = operation.send(bus_conditions(self.bus, self._address))
         assert isinstance(step, BusRequest)
-        return self.bus.submit(step)
+        return self._shared.submit_first(step, self._command_count)
 
     async def run_command(self, operation: DriveOperation[T]) -> T:
         """Run a command after the commands before it. Raises Expired where it waited more than 5 s for them."""
@@ -134,7 +136,7 @@ async def run_operation(
     """
     transact = transact or bus.transact
     try:
-        step = next(operation) if first_result is None else operation.send(await first_result)
+        step = next(operation) if first_result is None else operation.send(await asyncio.shield(first_result))
         while True:
             try:
                 result = await _perform(step, bus, address, store, transact)

@@ -1,12 +1,14 @@
-"""Frames that the concurrent stops of one drive share: reads that confirm them, and repeated stops.
+"""Frames that the concurrent stops of one drive share: waiting stops, and the reads that confirm them.
 
 Ten stops of a drive at once would read it in turns, and most of them would be reported as unconfirmed although the
-drive stands. So a frame that waits to be sent serves every stop that asks for the same frame meanwhile.
+drive stands; their frames would go before the reads of every other drive that is being stopped. So a frame that waits
+to be sent serves every stop that asks for the same frame meanwhile.
 
 Why a shared frame makes no stop less certain:
 
-1. The first frame of a stop is its own (``OWN_FRAME``). Only its later steps share frames, after that frame was
-   answered or has timed out.
+1. The first frame of a stop is its own (``OWN_FRAME``), or the equal one of the stop before it (``submit_first``) that
+   still waits to be sent, where no command was requested between the two: a frame of its own would supersede no other
+   command. Only its later steps share other frames, after that frame was answered or has timed out.
 2. A step joins an equal request (same bytes and priority) only while that waits to be sent
    (``Bus.is_queued``): the reply to a frame on the wire may report a state from before the stop.
 3. Each stop judges the results by itself: two states that agree, each behind a sync probe, all sent after its own
@@ -33,6 +35,20 @@ class SharedTransactions:
         self._bus, self._dialect = bus, dialect
         self._shared: list[_SharedTransaction] = []
         self._sync_request: Any = None
+        self._newest_first: tuple[BusRequest, int, asyncio.Future[BusResult]] | None = None
+        """First frame of the newest stop: request, commands requested until then, result."""
+
+    def submit_first(self, request: BusRequest, commands: int) -> asyncio.Future[BusResult]:
+        """Queue the first frame of a stop at once and return its result; not to be cancelled, it may be shared.
+
+        ``commands``: number of commands of the drive that were requested so far.
+        """
+        newest = self._newest_first
+        if newest is not None and newest[:2] == (request, commands) and self._bus.is_queued(newest[2]):
+            return newest[2]
+        result = self._bus.submit(request)
+        self._newest_first = request, commands, result
+        return result
 
     def sync_request(self, avoid: Any = None) -> Any:
         """Return the sync probe that waits to be sent, which a stop may join, else the next one of the dialect."""
