@@ -35,6 +35,7 @@ from drivebus.simulator.bus import SimulatedBus
 from drivebus.simulator.motor import Trip
 from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus, simulated_bus_of
 from drivebus.testing.virtual_time import run
+from fixtures.simulator import ForeignMaster
 
 ACCEPTANCE_LINK = "sim://vc660@1?name=hw&ramp=1"
 C320_LINK = "sim://c320@1?name=hw&ramp=1"
@@ -197,14 +198,8 @@ def test_a_port_that_another_program_gets_is_reported(pty: str, monkeypatch: pyt
 
 
 def test_another_master_is_detected(bench: SimulatedBus) -> None:
-    class Other:
-        settings = None
-
-        def hear(self, data: bytes, marks: int) -> None: ...
-        def lost(self) -> None: ...
-
     async def speaks() -> None:
-        other = Other()
+        other = ForeignMaster()
         bench.attach(other)
         while True:
             await asyncio.sleep(0.5)

@@ -51,7 +51,7 @@ def test_the_file_of_complete_answers_is_valid_and_every_command_works(
 
 def test_a_trial_ends_at_the_step_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     profile = written(tmp_path, {})
-    monkeypatch.setattr(ProfileStation, "_store", lambda station, register, value: 4)
+    monkeypatch.setattr(ProfileStation, "_store", lambda station, changes: 4)
     steps = virtual_time.run(try_profile(profile))
     assert [step.name for step in steps] == ["status", "start"]
     assert steps[0].error is None and steps[1].error is not None

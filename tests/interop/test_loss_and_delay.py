@@ -146,10 +146,10 @@ class PtyHost:
     def _readable(self) -> None:
         self.bench.transmit(self, self._os.read(self._fd, 4096))
 
-    def receive(self, data: bytes, marks: int) -> None:
+    def receive(self, data: bytes, line_errors: int) -> None:
         self._os.write(self._fd, data)
 
-    def lost(self) -> None: ...
+    def on_unplugged(self) -> None: ...
 
     def close(self) -> None:
         asyncio.get_running_loop().remove_reader(self._fd)

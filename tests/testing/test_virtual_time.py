@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from drivebus.testing.virtual_time import Deadlock, VirtualLoop, run
+from drivebus.testing.virtual_time import CallbackError, Deadlock, VirtualLoop, run
 
 
 def test_a_virtual_day_passes_at_once_and_exactly() -> None:
@@ -134,3 +134,34 @@ def test_a_future_that_a_timer_resolves_ends_the_run_at_its_time_though_other_ti
     go_on()
     loop.call_at(2.2, future.set_result, "reply")
     assert (loop.run_until_complete(future), loop.time()) == ("reply", 2.2)
+
+
+def test_an_exception_of_a_callback_ends_the_test_at_once_instead_of_waiting_for_what_it_should_have_done() -> None:
+    ended_at: list[float] = []
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        loop.call_later(2.0, lambda: 1 / 0)
+        try:
+            await asyncio.sleep(3 * 86400)
+        finally:
+            ended_at.append(loop.time())
+
+    with pytest.raises(CallbackError, match="Exception in callback") as caught:
+        run(main())
+    assert isinstance(caught.value.__cause__, ZeroDivisionError)
+    assert ended_at == [2.0]
+
+
+def test_an_exception_that_a_handler_takes_does_not_end_the_test() -> None:
+    reports: list[object] = []
+
+    async def main() -> str:
+        loop = asyncio.get_running_loop()
+        loop.set_exception_handler(lambda _, context: reports.append(context["exception"]))
+        loop.call_soon(lambda: 1 / 0)
+        await asyncio.sleep(1)
+        return "done"
+
+    assert run(main()) == "done"
+    assert [type(report) for report in reports] == [ZeroDivisionError]

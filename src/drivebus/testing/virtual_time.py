@@ -30,6 +30,10 @@ class Deadlock(RuntimeError):
     """No task is ready and no timer is set, or the longest virtual time has passed: the test would never end."""
 
 
+class CallbackError(RuntimeError):
+    """A callback, or a task that nothing awaits, raised the exception that is the cause of this one."""
+
+
 class VirtualTimer:
     """A scheduled callback: asyncio's handle."""
 
@@ -63,7 +67,8 @@ else:
 class VirtualLoop(_EventLoop):
     """An asyncio loop whose ``time()`` is virtual seconds from ``start``. It has no sockets, pipes or signals."""
 
-    def __init__(self, start: float = 0.0, max_s: float = MAX_VIRTUAL_S) -> None:
+    def __init__(self, start: float = 0.0, max_s: float = MAX_VIRTUAL_S, *, raises_errors: bool = False) -> None:
+        """``raises_errors``: an exception without a handler ends ``run_until_complete`` instead of being logged."""
         self._now = start
         self._end = start + max_s
         self._heap: list[tuple[float, int, VirtualTimer]] = []
@@ -72,6 +77,7 @@ class VirtualLoop(_EventLoop):
         self._closed = False
         self._generators: weakref.WeakSet[AsyncGenerator[Any, Any]] = weakref.WeakSet()
         self._exception_handler: Callable[[Any, dict[str, Any]], object] | None = None
+        self._raises_errors = raises_errors
         self.tasks: dict[asyncio.Task[Any], None] = {}
         """Unfinished tasks in the order of their creation."""
         self.failed: list[dict[str, Any]] = []
@@ -164,13 +170,19 @@ class VirtualLoop(_EventLoop):
     # --- running ---------------------------------------------------------------------------------------------------
 
     def run_until_complete(self, future: Any) -> Any:
-        """Run a coroutine or future to its end. Raises Deadlock where it waits for something that can't come."""
+        """Run a coroutine or future to its end. Raises Deadlock where it waits for something that can't come.
+
+        Raises CallbackError for an exception that nothing handles, where the loop raises errors.
+        """
         with running(self), self._track_generators():
             task = asyncio.ensure_future(future, loop=self)  # type: ignore[call-overload]
             task.add_done_callback(_make_ready)
             while not task.done():
                 if not self._step(self._end):
                     raise Deadlock(f"at {self._now:.6f} s: {self._describe_waiting()}")
+                if self._raises_errors and self.failed and self._exception_handler is None:
+                    context = self.failed.pop(0)
+                    raise CallbackError(context["message"]) from context.get("exception")
             if self._ready:
                 self._step(self._now)
         return task.result()
@@ -223,6 +235,7 @@ class VirtualLoop(_EventLoop):
                 callback(*timer.args)
             except Exception as error:
                 self._report(callback, error)
+                return True
         while heap and heap[0][0] <= self._now:
             ready.append(heappop(heap)[2])
         for _ in range(len(ready)):
@@ -279,7 +292,12 @@ def _make_ready(_: object) -> None:
 def run(coroutine: Coroutine[Any, Any, T], *, start: float = 0.0, max_s: float = MAX_VIRTUAL_S) -> T:
     """Run a coroutine to its end in virtual time that begins at ``start`` seconds; returns its result.
 
-    Raises Deadlock where it waits for something that no timer can bring. Tasks left over are cancelled.
+    Raises Deadlock where it waits for something that no timer can bring, and CallbackError where a callback, or a task
+    that nothing awaits, raises an exception that no handler of the loop takes. Tasks left over are cancelled.
     """
-    with asyncio.Runner(loop_factory=lambda: VirtualLoop(start, max_s)) as runner:  # type: ignore[arg-type, return-value]
+
+    def new_loop() -> Any:
+        return VirtualLoop(start, max_s, raises_errors=True)
+
+    with asyncio.Runner(loop_factory=new_loop) as runner:
         return runner.run(coroutine)

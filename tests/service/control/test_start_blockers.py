@@ -20,6 +20,7 @@ from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.values import Text, bilingual_text
 from fixtures.service import ServiceKit, running_service
+from fixtures.simulator import ForeignMaster
 
 
 def stopping(kit: ServiceKit) -> None:
@@ -97,16 +98,6 @@ def test_each_start_blocker_alone_rejects_a_start(key: str) -> None:
             kit.service.plant.state = "running"
 
     run(scenario())
-
-
-class ForeignMaster:
-    """Second master on a simulated bus, which only sends."""
-
-    settings = None
-
-    def receive(self, data: bytes, line_errors: int) -> None: ...
-
-    def on_unplugged(self) -> None: ...
 
 
 def test_a_foreign_master_is_an_alarm_of_its_bus_while_starts_are_refused_there() -> None:
