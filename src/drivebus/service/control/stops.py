@@ -115,8 +115,7 @@ class StopCommands(PlantListener):
         """Report and record a stop that was not confirmed when it was requested: the service has repeated it."""
         self.commands.end_motion(drive)
         answer = self.commands.publish_outcome(drive, "stop", outcome, self.service_actor)["outcome"]
-        requested = {"requested_by": drive.last_stop.actor} if drive.last_stop is not None else {}
-        self._record_outcome(drive, answer["status"], answer["frames"], drive.stop_record, requested)
+        self._record_repeated(drive, answer["status"], answer["frames"])
 
     async def stop_started_drives(self) -> Json:
         """Stop what this service started or adopted, unless the drive's ``on_service_stop`` is ``hold``.
@@ -166,7 +165,9 @@ class StopCommands(PlantListener):
             if runtime in stops:
                 continue
             if runtime.drive.stopping:
-                outcomes[runtime.id] = _unfinished(runtime)
+                outcome = outcomes[runtime.id] = _unfinished(runtime)
+                if runtime.drive.stop_pending:  # any other one is recorded when its request ends
+                    self._record_repeated(runtime, DECELERATING["state"] if outcome else "unknown", ())
             elif key := _left_running(runtime):
                 self.plant.publish_event("not_stopped", runtime.id, key, actor=self.service_actor.name)
         return outcomes
@@ -175,6 +176,11 @@ class StopCommands(PlantListener):
         """Record that the ending service stops a drive; return as ``record_or_queue``."""
         entry = AuditEntry.by(self.service_actor, DRIVE_STOP.name, target=runtime.id, outcome="requested")
         return await record_or_queue(self.plant, entry)
+
+    def _record_repeated(self, runtime: DriveRuntime, status: str, frames: Sequence[Json]) -> None:
+        """Record how a stop ended that was not confirmed when it was requested, with who requested it."""
+        requested = {"requested_by": runtime.last_stop.actor} if runtime.last_stop is not None else {}
+        self._record_outcome(runtime, status, frames, runtime.stop_record, requested)
 
     def _record_outcome(
         self, runtime: DriveRuntime, status: str, frames: Sequence[Json], of: int | None, params: Json | None = None
