@@ -36,7 +36,7 @@ from drivebus.errors import (
     ProfileError,
     StartInhibited,
 )
-from drivebus.profiles.notation import parse_value
+from drivebus.profiles.notation import find_entries, parse_value
 from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.values import Quality, Reading
 from fixtures.drives import FakeC320, FakeModbus, PureBus, SimulatedDrives, dialect_for, run_virtual
@@ -716,6 +716,20 @@ def test_parameters_and_signals_are_read_by_any_of_their_names() -> None:
     assert (found["F0.02"].value, found["F0.02"].raw) == (30.0, 3000)
     assert found["output_frequency"].value == found["d.0"].value == 12.34
     assert found["F3.5"].raw == 0
+
+
+def test_unknown_names_are_each_named_with_similar_ones_and_nothing_is_read() -> None:
+    """The first one was named alone, without a word on the others."""
+    bench = ParameterBench("c320", FakeC320())
+    with pytest.raises(ProfileError) as caught:
+        bench.read("F0.1", "output_frequence", "F0.300")
+    _, unknown = find_entries(bench.dialect.profile, ("output_frequence", "F0.300"))
+    assert caught.value.params["names"] == tuple(unknown)
+    for language, begin in (("en", "nothing was read: "), ("zh", "未读取任何值：")):
+        text = caught.value.text(language)
+        assert text.startswith(begin) and "output_frequency" in text
+        assert all(error.text(language) in text for error in unknown.values())
+    assert not bench.bus.requests
 
 
 def test_a_parameter_that_reads_0_in_a_fault_is_rejected() -> None:

@@ -348,7 +348,10 @@ class Drive:
             return raise_for_status(await self._runner.run_command(reset.reset_fault(op)))
 
     async def read(self, names: Iterable[str]) -> dict[str, Reading]:
-        """Read parameters in the manual's notation or signals by name. Raises ProfileError for an unknown name."""
+        """Read parameters in the manual's notation or signals by name. Raises ProfileError for an unknown name.
+
+        The error lists each unknown name with similar ones; nothing is read then.
+        """
         return await self._runner.run(parameters.read_values(self._read_context(), tuple(names)))
 
     async def write(self, values: Mapping[str, float | str], *, save: bool = False, force: bool = False) -> Outcome:

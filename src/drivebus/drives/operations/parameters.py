@@ -30,10 +30,11 @@ from drivebus.errors import (
     DrivebusError,
     DriveError,
     PreflightError,
+    ProfileError,
     ProtocolError,
 )
 from drivebus.profiles.model import Parameter, Signal
-from drivebus.profiles.notation import find_entry
+from drivebus.profiles.notation import find_entries
 from drivebus.user_input import parse_hex_word
 from drivebus.values import Reading, Text, bilingual_text, missing_reading
 
@@ -51,9 +52,12 @@ READ_BACK_PAUSE_S = 0.05  # an EEPROM takes a moment: pause before a repeated re
 
 
 def read_values(op: OperationContext, names: tuple[str, ...]) -> DriveOperation[dict[str, Reading]]:
-    """Read parameters and signals by any of their names. Raises ProfileError for an unknown name, before sending."""
+    """Read parameters and signals by any of their names. Raises ProfileError for unknown names, before sending."""
     op.drive.require_capability("read")
-    entries = {name: find_entry(op.dialect.profile, name) for name in names}
+    entries, unknown = find_entries(op.dialect.profile, names)
+    if unknown:
+        problems = [Text.per_language(error.text) for error in unknown.values()]
+        raise ProfileError("drives.unknown_names", names=tuple(unknown), why=Text.join(problems, "clauses"))
     readings: dict[str, Reading] = {}
     for name, entry in entries.items():
         readings[name] = yield from (
