@@ -26,7 +26,7 @@ from fixtures.usb_serial import install_latency_timers
 C320 = ("--model", "c320", "--address", "1")
 
 
-pytestmark = pytest.mark.usefixtures("clean_simulated_buses")
+pytestmark = pytest.mark.usefixtures("clean_simulated_buses", "commands_in_virtual_time")
 
 
 def run_json(*words: str, code: int = 0) -> dict[str, Any]:

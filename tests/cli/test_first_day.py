@@ -25,6 +25,8 @@ from drivebus.cli.tui import plain, view
 from drivebus.service.process import logging_setup
 from fixtures.service import SHOP_FILE
 
+pytestmark = pytest.mark.usefixtures("commands_in_virtual_time")
+
 
 def command(*words: str) -> Result:
     return CliRunner().invoke(cli, [*words, "--lang", "en"])

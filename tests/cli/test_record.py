@@ -14,7 +14,7 @@ from drivebus.cli.main import cli
 C320 = ("--model", "c320", "--address", "1")
 
 
-pytestmark = pytest.mark.usefixtures("clean_simulated_buses")
+pytestmark = pytest.mark.usefixtures("clean_simulated_buses", "commands_in_virtual_time")
 
 
 def invoke(*words: str) -> Result:

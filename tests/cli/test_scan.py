@@ -20,6 +20,8 @@ from drivebus.serial_settings import SerialSettings
 from drivebus.simulator.port import clear_simulated_buses
 from drivebus.user_input import parse_addresses
 
+pytestmark = pytest.mark.usefixtures("commands_in_virtual_time")
+
 WORDS = ("scan", "sim://vc660@3", "--models", "vc660", "--addresses", "3", "--listen-seconds", "0", "--lang", "en")
 
 

@@ -24,6 +24,8 @@ from drivebus.service.auth.errors import AccessDenied
 from drivebus.service.auth.rights import Right
 from fixtures.service import SHOP_FILE
 
+pytestmark = pytest.mark.usefixtures("commands_in_virtual_time")
+
 
 @pytest.fixture
 def plant(tmp_path: Path) -> Path:
