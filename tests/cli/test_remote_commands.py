@@ -36,7 +36,7 @@ from drivebus.service.api.operations import API_PREFIX
 from drivebus.service.auth.actor import SERVICE_NAME
 from drivebus.service.auth.rights import Role
 from drivebus.service.control import comm_loss_test
-from fixtures.child_process import ENVIRONMENT, lines_until, running_command
+from fixtures.child_process import CHILD_TIMEOUT_S, ENVIRONMENT, lines_until, running_command
 from fixtures.running_service import RunningService, all_states_known, http_service, token
 from fixtures.service import remote_actor
 
@@ -155,7 +155,7 @@ def test_ctrl_c_stops_the_drive_of_an_attached_run_and_releases_its_lease(plant:
         assert rest(plant, "/drives/fan-1")["lease"] is not None
         process.send_signal(signal.SIGINT)
         last = lines_until(process, lambda line: '"stopped"' in line)[-1]
-        assert process.wait(20) == ExitCode.INTERRUPTED
+        assert process.wait(CHILD_TIMEOUT_S) == ExitCode.INTERRUPTED
     assert json.loads(last)["outcome"] == "confirmed"
     assert (state(plant), rest(plant, "/drives/fan-1")["lease"]) == (DriveState.STOPPED, None)
 
@@ -181,7 +181,7 @@ def test_an_attached_run_tells_a_stop_through_the_service_from_one_at_the_drive(
         lines_until(process, lambda line: "Attached" in line)
         plant.run_in_loop(stop)
         shown = " ".join("".join(lines_until(process, lambda line: "no longer runs" in line)[-1:]).split())
-        assert process.wait(20) == ExitCode.FAILED
+        assert process.wait(CHILD_TIMEOUT_S) == ExitCode.FAILED
     keys = {None: "run.off_by_itself", SERVICE_NAME: "run.stopped_automatically"}
     expected = i18n.text(keys.get(by, "run.stopped_by"), actor=by)
     assert shown.endswith(expected)

@@ -30,6 +30,7 @@ from drivebus.service.auth.rights import Role
 from drivebus.service.auth.users import UserFile
 from drivebus.service.ipc.client import SocketClient
 from drivebus.service.ipc.protocol import SERVICE_SOCKET, STOP_SOCKET, socket_path
+from fixtures.child_process import CHILD_TIMEOUT_S, SLOW_MACHINE_C320
 from fixtures.running_service import token, user_database
 from fixtures.service import WIDEST_LIMITS
 
@@ -47,9 +48,9 @@ port = "sim://c320@1,2?ramp=0.5"
 [drive.fan-1]
 bus = "a"
 address = 1
-model = "c320"
+model = "./slow_machine_c320.toml"
 """
-SECOND = '[drive.fan-2]\nbus = "a"\naddress = 2\nmodel = "c320"\n'
+SECOND = '[drive.fan-2]\nbus = "a"\naddress = 2\nmodel = "./slow_machine_c320.toml"\n'
 ME = local_actor("tester", "t-1")
 READ_ONLY_MOUNT = 'mount --bind "$0" "$0" && mount -o remount,bind,ro "$0" && exec "$@"'
 UNSHARE = ["unshare", "--mount", *([] if os.geteuid() == 0 else ["--map-root-user"]), "sh", "-c", READ_ONLY_MOUNT]
@@ -57,6 +58,7 @@ UNSHARE = ["unshare", "--mount", *([] if os.geteuid() == 0 else ["--map-root-use
 
 
 def write(tmp_path: Path, *more: str) -> Path:
+    shutil.copy(SLOW_MACHINE_C320, tmp_path)
     file = tmp_path / "plant.toml"
     file.write_text(PLANT.format(directory=tmp_path / "state") + "".join(more))
     return file
@@ -153,7 +155,7 @@ def test_a_service_runs_once_reloads_its_file_and_stops_its_drives_at_the_end(tm
     file, state = write(tmp_path), tmp_path / "state"
     manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     manager.bind(str(tmp_path / "notify"))
-    manager.settimeout(20)
+    manager.settimeout(CHILD_TIMEOUT_S)
     environment = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "1000000"}
     with running_service(file, "--without", "web", "--log", "json", **environment) as process:
         text = [manager.recv(100).decode() for _ in range(3)]
@@ -183,7 +185,7 @@ def test_a_service_runs_once_reloads_its_file_and_stops_its_drives_at_the_end(tm
             while True:
                 manager.recv(100)
         process.send_signal(signal.SIGTERM)
-        _, errors = process.communicate(timeout=20)
+        _, errors = process.communicate(timeout=CHILD_TIMEOUT_S)
         assert process.returncode == 0
     while manager.recv(100) != b"STOPPING=1":
         pass
@@ -225,7 +227,7 @@ def test_a_service_with_a_read_only_directory_stops_and_refuses_what_it_cannot_r
     with running_service(file, "--without", "web", "--log", "json", prefix=read_only) as process:
         asyncio.run(scenario())
         process.send_signal(signal.SIGTERM)
-        _, log = process.communicate(timeout=20)
+        _, log = process.communicate(timeout=CHILD_TIMEOUT_S)
     assert process.returncode == 0
     assert any(f"{state} can't be written: Read-only file system" in line for line in log.splitlines())
 
@@ -247,7 +249,7 @@ def test_a_reload_signal_during_the_start_ends_nothing(tmp_path: Path) -> None:
     try:
         assert process.stdout is not None and process.stdout.readline()
         process.send_signal(signal.SIGTERM)
-        assert process.wait(20) == 0
+        assert process.wait(CHILD_TIMEOUT_S) == 0
     finally:
         process.kill()
         process.communicate()
@@ -269,7 +271,7 @@ def test_a_service_whose_terminal_is_closed_ends_instead_of_reloading(tmp_path: 
         while b"Plant hall is running" not in text:
             text += os.read(master, 1000)
         os.close(master)
-        assert process.wait(20) == 0
+        assert process.wait(CHILD_TIMEOUT_S) == 0
     finally:
         process.kill()
         process.wait()
@@ -289,7 +291,7 @@ def test_a_service_goes_on_where_its_output_cannot_be_written(tmp_path: Path) ->
             time.sleep(0.05)
         assert command("stop", "--all", str(file), "--json").returncode == 0
         process.send_signal(signal.SIGTERM)
-        assert process.wait(20) == 0
+        assert process.wait(CHILD_TIMEOUT_S) == 0
     finally:
         process.kill()
         process.wait()
@@ -327,7 +329,7 @@ def test_a_killed_web_process_is_started_again_and_the_service_goes_on(tmp_path:
         (another,) = children(process.pid)
         assert another != child
         process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=20)
+        process.communicate(timeout=CHILD_TIMEOUT_S)
         assert process.returncode == 0
         assert not Path(f"/proc/{another}").exists()
 
@@ -340,6 +342,9 @@ LONG_END = (
 C320_WITH_DECELERATION_TIME = """
 format = 1
 extends = "c320"
+[timing]
+adapter_latency_s = 0.3
+evidence = "user"
 [parameters."F0.9"]
 text = "deceleration time"
 unit = "s"
@@ -352,10 +357,10 @@ evidence = "user: the simulated drive"
 
 def test_the_page_can_stop_drives_until_the_stops_of_an_ending_service_are_done(tmp_path: Path) -> None:
     """It was gone at once: for up to three seconds no page could stop a drive that the service leaves running."""
-    held = '[drive.fan-2]\nbus = "a"\naddress = 2\nmodel = "c320"\non_service_stop = "hold"\n'
+    held = '[drive.fan-2]\nbus = "a"\naddress = 2\nmodel = "./slow_machine_c320.toml"\non_service_stop = "hold"\n'
     file, state = write(tmp_path, held), tmp_path / "state"
     (tmp_path / "slow.toml").write_text(C320_WITH_DECELERATION_TIME)
-    file.write_text(file.read_text().replace('model = "c320"', 'model = "./slow.toml"', 1))
+    file.write_text(file.read_text().replace("./slow_machine_c320.toml", "./slow.toml", 1))
     UserFile(state / "users.json").change(lambda _: user_database())
     with running_service(file, command=[sys.executable, "-c", LONG_END]) as process:
         assert process.stdout is not None
@@ -377,12 +382,14 @@ def test_the_page_can_stop_drives_until_the_stops_of_an_ending_service_are_done(
         asyncio.run(start())
         process.send_signal(signal.SIGTERM)
         time.sleep(0.7)  # the web process used to end within this time
-        with httpx.Client(headers={"Authorization": f"Bearer {token(Role.OPERATOR)}"}, timeout=20) as browser:
+        with httpx.Client(
+            headers={"Authorization": f"Bearer {token(Role.OPERATOR)}"}, timeout=CHILD_TIMEOUT_S
+        ) as browser:
             while browser.get(f"{page}/drives/fan-1").json()["state"] != "decelerating":
                 time.sleep(0.05)
             answer = browser.post(f"{page}/drives/fan-2/stop", json={})
         assert (answer.status_code, answer.json()["outcome"]["status"]) == (200, "confirmed")
-        _, errors = process.communicate(timeout=20)
+        _, errors = process.communicate(timeout=CHILD_TIMEOUT_S)
         assert process.returncode == ExitCode.UNKNOWN
     assert f"fan-1: {i18n.text('serve.decelerating', 'en')}" in errors, errors
     trail = [json.loads(line) for line in (state / "audit.jsonl").read_text().splitlines()]
@@ -502,7 +509,7 @@ def test_the_setup_secret_is_announced_in_the_language_of_the_command(tmp_path: 
         assert process.stderr.readline() == f"{secret}\n", "a narrow terminal would break it"
     finally:
         process.terminate()
-        process.communicate(timeout=30)
+        process.communicate(timeout=CHILD_TIMEOUT_S)
 
 
 def test_the_announcement_of_a_setup_secret_that_could_not_be_saved_names_no_file_as_its_place(tmp_path: Path) -> None:
@@ -522,4 +529,4 @@ def test_the_announcement_of_a_setup_secret_that_could_not_be_saved_names_no_fil
         assert "It is also in" not in announced and "only here: " in announced and "can't be written: " in announced
     finally:
         process.terminate()
-        process.communicate(timeout=30)
+        process.communicate(timeout=CHILD_TIMEOUT_S)
