@@ -54,6 +54,29 @@ def test_no_cell_of_the_parameters_of_a_drive_is_cut_off_on_a_phone(stage: Stage
     assert name["x"] + name["width"] <= read["x"] and read["y"] < field["y"]
 
 
+WORDS_OF_TWO_LINES = """all => all.flatMap((one) => {
+  const texts = document.createTreeWalker(one, NodeFilter.SHOW_TEXT), broken = [];
+  while (texts.nextNode()) {
+    for (const word of texts.currentNode.data.matchAll(/\\S+/g)) {
+      const range = document.createRange();
+      range.setStart(texts.currentNode, word.index);
+      range.setEnd(texts.currentNode, word.index + word[0].length);
+      if (new Set([...range.getClientRects()].map((box) => Math.round(box.top))).size > 1) broken.push(word[0]);
+    }
+  }
+  return broken;
+})"""
+
+
+def test_the_words_of_a_parameter_stay_whole_on_a_phone_with_large_text(visit: Any) -> None:
+    """Regression: at one and a half times the size of the text a name was "communicat-ion loss time"."""
+    page = visit("#/drive/fan-1?tab=parameters", size=(240, 493))
+    names = page.locator(".paramtext")
+    names.first.wait_for()
+    assert "communication loss time" in names.all_inner_texts()
+    assert names.evaluate_all(WORDS_OF_TWO_LINES) == []
+
+
 def test_the_field_of_a_parameter_stays_in_sight_while_its_table_scrolls(stage: Stage, visit: Any) -> None:
     """It was the last of ten columns, beyond the right edge of a panel that a screen of 1440 pixels gives 800."""
     stage.call("waiver.grant", drive="pump-1", reason="watched bench")

@@ -73,6 +73,26 @@ def test_values_of_neighbouring_tiles_stand_at_one_height_below_names_of_one_and
         assert page.locator(f".tile {part}").evaluate_all(BOTTOMS) == 1, part
 
 
+@pytest.mark.parametrize("size", [(360, 740), (844, 390)])
+def test_the_stops_of_a_drive_and_of_its_group_differ_on_a_phone(
+    visit: Any, expect: Any, size: tuple[int, int]
+) -> None:
+    """Regression: *Press section motor 1-1* and *Press section* both read *Press section*."""
+    page = visit("#/drive/fan-1", size=size)
+    page.evaluate("""async () => {
+      const store = await import('/static/js/store.js');
+      const named = (en) => ({ title: { en, zh: en } });
+      const [own, all] = [named('Press section motor 1-1'), named('Press section')];
+      store.applyDelta({ topics: { 'drives/fan-1': own, 'groups/air': all } });
+    }""")
+    own = page.locator("[data-stop=drive] .what")
+    expect(own).to_contain_text("motor 1-1")
+    assert own.evaluate("(one) => one.scrollHeight <= one.clientHeight"), "its end is cut off"
+    assert own.locator(".short").inner_text().endswith("1-1")
+    expect(page.get_by_role("button", name="Press section motor 1-1")).to_be_visible()
+    expect(page.locator("[data-stop=group] .what")).to_have_text("Press section")
+
+
 @pytest.mark.parametrize(("way", "share"), [("#/fleet", 0.26), ("#/drive/fan-1", 0.37)])
 def test_the_stop_bar_leaves_most_of_a_screen_at_four_times_its_size(visit: Any, way: str, share: float) -> None:
     """Regression: of a screen of 1440 × 900 at 400 % zoom the bar took two fifths, and on a drive's page half."""

@@ -11,7 +11,7 @@ import pytest
 
 from drivebus import i18n
 from fixtures.browser import Stage
-from fixtures.browser_actions import expecting, unplugged
+from fixtures.browser_actions import expecting, go_to, unplugged, wait_until
 
 NOTHING = "–"
 MODULES = "/static/js/trend/"
@@ -411,6 +411,34 @@ def test_gestures_zoom_pan_and_measure(stage: Stage, visit: Any) -> None:
     page.locator(".trend-plot").press("Backspace")
     expect(window).to_have_text(re.compile("· 1 h$"))
     expect(following).to_have_attribute("aria-pressed", "true")
+
+
+RECORD_TEXTS = """() => {
+  window.texts = new Set();
+  const { fillText } = CanvasRenderingContext2D.prototype;
+  CanvasRenderingContext2D.prototype.fillText = function (text, ...place) {
+    window.texts.add(text);
+    return fillText.call(this, text, ...place);
+  };
+}"""
+
+
+def test_the_scale_of_a_stopped_drive_ends_at_its_highest_frequency_and_that_of_its_voltage_at_1(visit: Any) -> None:
+    """Regression: both went from 0 to 100, as if the drive could reach 100 Hz and 100 V."""
+
+    def answer_zeros(route: Any) -> None:
+        answer = route.fetch()
+        found = answer.json()
+        for series in found["series"].values():
+            series |= {name: [0 for _ in series["t"]] for name in ("min", "mean", "max", "q")}
+        route.fulfill(response=answer, json=found)
+
+    page = visit("#/fleet")
+    page.evaluate(RECORD_TEXTS)
+    page.route("**/api/v1/history/trend?**", answer_zeros)
+    go_to(page, "history?tags=fan-1.output_frequency,fan-1.dc_bus_voltage")
+    wait_until(page, lambda: {"40", "0.8"} <= set(page.evaluate("[...window.texts]")), "no scale of 45 Hz and 1 V")
+    assert "100" not in page.evaluate("[...window.texts]")
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])

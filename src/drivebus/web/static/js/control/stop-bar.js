@@ -13,8 +13,8 @@ import { drive, idsOf, isAbsent } from "../store.js";
 import { dismissStop, shownStops, stop, targetName } from "./stops.js";
 import { ReleaseButton } from "./selection.js";
 import { StopAnyway } from "./stop-anyway.js";
-import { driveTitle, groupTitle } from "../titles.js";
-import { Button, ignoreRepeat } from "../ui.js";
+import { driveTitle, groupTitle, shortened } from "../titles.js";
+import { Button, ignoreRepeat, withWholeNumbers } from "../ui.js";
 
 const isMenuOpen = signal(false);
 
@@ -38,6 +38,17 @@ function useStopKey(bar) {
     addEventListener("keydown", key);
     return () => removeEventListener("keydown", key);
   }, []);
+}
+
+/** Letters of a name on the two lines of a button of a small screen. */
+const SHORT_NAME_LENGTH = 18;
+
+/** Name of what a button stops; a long one also without its middle, for a small screen: that of a drive may begin as that of
+ * its group. */
+function Name({ name }) {
+  const short = shortened(name, SHORT_NAME_LENGTH);
+  if (short === name) return withWholeNumbers(name);
+  return html`<span class="whole">${withWholeNumbers(name)}</span><span class="short" aria-hidden="true">${withWholeNumbers(short)}</span>`;
 }
 
 function StopButton({ kind, id, children, ...rest }) {
@@ -73,7 +84,7 @@ function GroupMenu({ groups }) {
 }
 
 function GroupStop({ groups }) {
-  if (groups.length === 1) return html`<${StopButton} kind="group" id=${groups[0]}>${groupTitle(groups[0])}<//>`;
+  if (groups.length === 1) return html`<${StopButton} kind="group" id=${groups[0]}><${Name} name=${groupTitle(groups[0])} /><//>`;
   return html`<button type="button" class="stop" aria-expanded=${isMenuOpen.value ? "true" : "false"} data-stop="groups"
     onClick=${() => { isMenuOpen.value = !isMenuOpen.value; }}><${Icon} name="stop" size=${22} />
     <span><b>${t("page.bus_stop")}</b><span class="what">${t("page.stop_scope_group")}</span></span>
@@ -118,7 +129,7 @@ export function StopBar() {
   return html`<footer class="stopbar" ref=${bar} aria-label=${t("page.stop_bar")}>
     ${isMenuOpen.value && offered.length > 1 && html`<${GroupMenu} groups=${offered} />`}
     <div class="stops">
-      ${id && html`<${StopButton} kind="drive" id=${id}>${driveTitle(id)}<//>`}
+      ${id && html`<${StopButton} kind="drive" id=${id}><${Name} name=${driveTitle(id)} /><//>`}
       ${offered.length > 0 && html`<${GroupStop} groups=${offered} />`}
       <${StopButton} kind="all">${t("page.stop_scope_all_held")}<//>
     </div><${ErrorBoundary}>${may("operate") && html`<${ReleaseOfAll} />`}<//><${ErrorBoundary}><${StopResults} /><//></footer>`;

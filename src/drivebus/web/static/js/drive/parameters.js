@@ -9,7 +9,7 @@ import { isLive } from "../live.js";
 import { may } from "../session.js";
 import { hasControl } from "../control/leases.js";
 import { SearchField, hasWords } from "../search.js";
-import { Button, ErrorNote, Table } from "../ui.js";
+import { Button, ErrorNote, Table, withWholeNumbers } from "../ui.js";
 import { EvidenceNote } from "./evidence.js";
 import { Range, UncertainNote, valueText } from "./parameter-text.js";
 import { Review } from "./review.js";
@@ -69,7 +69,7 @@ function allowedValue(parameter, text) {
 function ParameterDetails({ parameter, caveats }) {
   const caveat = caveats.find((one) => one.id === parameter.caveat);
   const help = localized(parameter.help);
-  return html`<span class="paramtext">${localized(parameter.text)}</span>
+  return html`<span class="paramtext">${withWholeNumbers(localized(parameter.text))}</span>
     ${(help || caveat || parameter.evidence.source) && html`<details class="more"><summary>${caveat ? html`<${Icon}
       name="warning" size=${16} />` : null}
       ${t("page.help")}</summary>${help && html`<p>${help}</p>`}${caveat && html`<p><b>${t("page.caveat")}

@@ -4,7 +4,7 @@ import { localized, t } from "../i18n.js";
 import { api, drivePath } from "../api.js";
 import { numberOf } from "../format.js";
 import { may } from "../session.js";
-import { Button, Dialog, ErrorNote, Notice, OutcomeNote, Table, useRequest } from "../ui.js";
+import { Button, Dialog, ErrorNote, Notice, OutcomeNote, Table, useRequest, withWholeNumbers } from "../ui.js";
 import { rangeText, valueText } from "./parameter-text.js";
 
 const valuesOf = (changes) => Object.fromEntries(changes.map(({ parameter, value }) => [parameter.notation, value]));
@@ -19,7 +19,7 @@ function Diff({ changes }) {
   return html`<${Table} stacks caption=${t("page.changes")} rows=${changes} keyOf=${({ parameter }) => parameter.notation}
     columns=${[
     [t("page.notation"), ({ parameter }) => html`<code>${parameter.notation}</code>`],
-    [t("page.parameter"), ({ parameter }) => localized(parameter.text), "wide"],
+    [t("page.parameter"), ({ parameter }) => withWholeNumbers(localized(parameter.text)), "wide"],
     [t("page.before"), before, "right"],
     [t("page.after"), (one) => (one.value === null ? html`<span class="alarmtext">${wrong(one)}</span>`
       : html`<b>${valueText(one.parameter, one.value)}</b> ${one.parameter.unit}`), "right"],

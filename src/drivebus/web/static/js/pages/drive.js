@@ -2,7 +2,7 @@
 import { html } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
 import { api, drivePath } from "../api.js";
-import { Loading, Notice, useLoaded } from "../ui.js";
+import { Loading, Notice, useLoaded, withWholeNumbers } from "../ui.js";
 import { Tabs } from "../tabs.js";
 import { href, replaceQuery } from "../router.js";
 import { stateOf } from "../readings.js";
@@ -34,7 +34,7 @@ function BusLocation({ view }) {
 function Head({ view }) {
   const known = stateOf(view);
   return html`<header class="drivehead"><div><p><a href=${href("fleet")}>← ${t("page.nav_fleet")}</a></p><h1>
-    ${titleOf(view)}</h1>
+    ${withWholeNumbers(titleOf(view))}</h1>
     <${BusLocation} view=${view} /></div><div class="drivestate"><${StateMark} known=${known} direction=${view.direction}
       size=${40} />
     ${view.state === "unknown" && view.state_reason && html`<p class="soft">${localized(view.unusable_reply?.text) || t(view.state_reason)}</p>`}

@@ -8,7 +8,7 @@ import { isLive } from "../live.js";
 import { href } from "../router.js";
 import { may } from "../session.js";
 import { loadStylesheet } from "../stylesheet.js";
-import { Button, ErrorNote, Loading, Notice, Table, useLoaded, useRequest } from "../ui.js";
+import { Button, ErrorNote, Loading, Notice, Table, useLoaded, useRequest, withWholeNumbers } from "../ui.js";
 import { ReasonField, isLongEnough } from "../control/reason-field.js";
 import { adviceOf, faultText, namesFault } from "../drive/faults.js";
 import { UncertainNote } from "../drive/parameter-text.js";
@@ -119,7 +119,7 @@ function Parameters({ parameters, isReading }) {
   const rows = Object.entries(parameters);
   const columns = [
     [t("page.notation"), ([name]) => html`<code>${name}</code>`],
-    [t("page.parameter"), ([, one]) => localized(one.text), "wide"],
+    [t("page.parameter"), ([, one]) => withWholeNumbers(localized(one.text)), "wide"],
     [t("page.wire_address"), ([, one]) => html`<code>${one.address_hex ?? ""}</code>`],
     [t("page.value"), ([, one]) => valueOrReason(one), "right"],
     [t("page.raw"), ([, one]) => one.raw ?? NO_VALUE, "right"],

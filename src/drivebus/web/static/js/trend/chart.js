@@ -28,7 +28,8 @@ export function colours(host) {
 export class Chart {
   /**
    * @param host the element it lives in, whose width it takes
-   * @param hooks `{selected({from, to}), pointed(ms | null, {x, width}), drawn()}`
+   * @param hooks `{selected({from, to}), pointed(ms | null, {x, width}), drawn(), highest(unit)}`; the last one returns the
+   *   highest value of a unit, null where that is not known
    */
   constructor(host, hooks) {
     this.host = host;
@@ -119,7 +120,7 @@ export class Chart {
         y: false, points: { size: 7 }, drag: { x: true, y: false, setScale: false },
         dataIdx: nearest,
       },
-      scales: Object.fromEntries([["x", { time: true, auto: false }], ...lines.map((line) => [scale(line), VALUE_RANGE])]),
+      scales: Object.fromEntries([["x", { time: true, auto: false }], ...lines.map((line) => [scale(line), { range: this._valueRange(line.unit) }])]),
       axes: [this._timeAxis(locale), ...units.map((unit) => this._valueAxis(unit))],
       series: [{}, ...lines.flatMap((line) => this._series(line))],
       hooks: {
@@ -172,6 +173,14 @@ export class Chart {
     };
   }
 
+  /** Range from 0; where all values are 0 up to the highest one, or 1: uPlot's own 0 to 100 means nothing in that unit. */
+  _valueRange(unit) {
+    return (_, low, high) => {
+      if (low === null) return [null, null];
+      return low === 0 && high === 0 ? [0, this.hooks.highest?.(unit) ?? 1] : uPlot.rangeNum(low, high, VALUE_RANGE);
+    };
+  }
+
   _lines() {
     return { stroke: this.colours.grid, width: 1 };
   }
@@ -197,7 +206,7 @@ export class Chart {
 /** Sides of an axis, as uPlot counts them. */
 const [RIGHT, LEFT] = [1, 3];
 const STEPS = uPlot.paths.stepped({ align: 1 });
-const VALUE_RANGE = { range: { min: { pad: 0.08, soft: 0, mode: 3 }, max: { pad: 0.08, soft: 0, mode: 3 } } };
+const VALUE_RANGE = { min: { pad: 0.08, soft: 0, mode: 3 }, max: { pad: 0.08, soft: 0, mode: 3 } };
 /** Label of a tick, with enough decimals to distinguish it from the next. */
 function tick(value, splits) {
   const apart = Math.abs((splits[1] ?? 1) - (splits[0] ?? 0)) || 1;

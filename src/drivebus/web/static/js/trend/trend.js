@@ -5,7 +5,7 @@ import { batch, html, useComputed, useEffect, useMemo, useRef, useSignalEffect }
 import { locale, language, t } from "../i18n.js";
 import { isLive } from "../live.js";
 import { theme } from "../theme.js";
-import { serviceNow } from "../store.js";
+import { drive, serviceNow } from "../store.js";
 import { Chart } from "./chart.js";
 import { GOOD } from "../quality.js";
 import { stretches, table } from "./columns.js";
@@ -81,6 +81,13 @@ function WithoutAxis({ trend, lines }) {
     others: others.join(t("language.between_items")) })}</p>`;
 }
 
+/** Highest frequency of the drives of these lines; null for any other unit, and where no drive is known. */
+function highestValue(unit, lines) {
+  if (unit !== "Hz") return null;
+  const limits = lines.filter((line) => line.unit === unit).map((line) => drive(line.drive).peek()?.maximum_hz ?? 0);
+  return Math.max(...limits) || null;
+}
+
 /** Chart of a trend and its redrawing, outside of the component's rendering. */
 class ChartController {
   constructor(trend, source) {
@@ -99,6 +106,7 @@ class ChartController {
       selected: (window) => trend.show(window, { isStep: true }),
       pointed: (moment, place) => { batch(() => { trend.pointed.value = moment; trend.place.value = place; }); },
       drawn: () => this.placeCursors?.(),
+      highest: (unit) => highestValue(unit, lines),
     });
     const plot = this.chart.build(lines, { height, locale: locale(), hasStates: this.source.states?.length > 0 });
     this.placeCursors = addCursors(plot.over, trend);
