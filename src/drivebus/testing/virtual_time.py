@@ -31,7 +31,7 @@ class Deadlock(RuntimeError):
 
 
 class CallbackError(RuntimeError):
-    """A callback, or a task that nothing awaits, raised the exception that is the cause of this one."""
+    """A callback raised the exception that is the cause of this one, and the loop has no exception handler."""
 
 
 class VirtualTimer:
@@ -68,7 +68,7 @@ class VirtualLoop(_EventLoop):
     """An asyncio loop whose ``time()`` is virtual seconds from ``start``. It has no sockets, pipes or signals."""
 
     def __init__(self, start: float = 0.0, max_s: float = MAX_VIRTUAL_S, *, raises_errors: bool = False) -> None:
-        """``raises_errors``: an exception without a handler ends ``run_until_complete`` instead of being logged."""
+        """``raises_errors``: an exception of a callback ends the run, where there is no exception handler."""
         self._now = start
         self._end = start + max_s
         self._heap: list[tuple[float, int, VirtualTimer]] = []
@@ -172,7 +172,7 @@ class VirtualLoop(_EventLoop):
     def run_until_complete(self, future: Any) -> Any:
         """Run a coroutine or future to its end. Raises Deadlock where it waits for something that can't come.
 
-        Raises CallbackError for an exception that nothing handles, where the loop raises errors.
+        Raises CallbackError for an exception of a callback, where the loop raises errors.
         """
         with running(self), self._track_generators():
             task = asyncio.ensure_future(future, loop=self)  # type: ignore[call-overload]
@@ -180,9 +180,6 @@ class VirtualLoop(_EventLoop):
             while not task.done():
                 if not self._step(self._end):
                     raise Deadlock(f"at {self._now:.6f} s: {self._describe_waiting()}")
-                if self._raises_errors and self.failed and self._exception_handler is None:
-                    context = self.failed.pop(0)
-                    raise CallbackError(context["message"]) from context.get("exception")
             if self._ready:
                 self._step(self._now)
         return task.result()
@@ -235,7 +232,6 @@ class VirtualLoop(_EventLoop):
                 callback(*timer.args)
             except Exception as error:
                 self._report(callback, error)
-                return True
         while heap and heap[0][0] <= self._now:
             ready.append(heappop(heap)[2])
         for _ in range(len(ready)):
@@ -249,7 +245,10 @@ class VirtualLoop(_EventLoop):
         return True
 
     def _report(self, callback: Callable[..., object], error: Exception) -> None:
-        self.call_exception_handler({"message": f"Exception in callback {callback!r}", "exception": error})
+        message = f"Exception in callback {callback!r}"
+        if self._raises_errors and self._exception_handler is None:
+            raise CallbackError(message) from error
+        self.call_exception_handler({"message": message, "exception": error})
 
     def _describe_waiting(self) -> str:
         names = sorted(task.get_name() for task in self.tasks)
@@ -292,8 +291,8 @@ def _make_ready(_: object) -> None:
 def run(coroutine: Coroutine[Any, Any, T], *, start: float = 0.0, max_s: float = MAX_VIRTUAL_S) -> T:
     """Run a coroutine to its end in virtual time that begins at ``start`` seconds; returns its result.
 
-    Raises Deadlock where it waits for something that no timer can bring, and CallbackError where a callback, or a task
-    that nothing awaits, raises an exception that no handler of the loop takes. Tasks left over are cancelled.
+    Raises Deadlock where it waits for something that no timer can bring, and CallbackError where a callback raises an
+    exception and the loop has no exception handler. Tasks left over are cancelled.
     """
 
     def new_loop() -> Any:
