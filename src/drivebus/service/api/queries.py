@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+
 from drivebus import profiles
 from drivebus.errors import CapabilityError, NotFound, ProfileError
 from drivebus.profiles.listing import list_models
@@ -101,8 +103,8 @@ class Queries:
     async def list_models(self, params: NoParams, actor: Actor) -> Json:
         """Return every model; a rejected file of the user is left out."""
         models: list[Json] = []
-        for model in list_models():
-            await yield_to_loop()
+        found = list_models()
+        while (model := await asyncio.to_thread(next, found, None)) is not None:
             if not isinstance(model, ProfileError):
                 models.append(model | {name: text_json(model[name]) for name in ("title", "maker")})
         return {"models": models}
@@ -110,10 +112,7 @@ class Queries:
     @handles(MODELS_GET)
     async def get_model(self, params: ModelParams, actor: Actor) -> Json:
         """Return the profile of a model by its name; a path is no name. Raises NotFound."""
-        model = model_name(params.model)
-        if model not in profiles.models():
-            raise NotFound("models.unknown", model=params.model)
-        return profile_json(profiles.load(model))
+        return await asyncio.to_thread(_model_json, params.model)
 
     @handles(GROUPS_LIST)
     async def list_groups(self, params: NoParams, actor: Actor) -> Json:
@@ -191,3 +190,11 @@ class Queries:
     @handles(AUDIT_VERIFY)
     async def verify_audit_trail(self, params: NoParams, actor: Actor) -> Json:
         return await self.plant.audit.verify()
+
+
+def _model_json(name: str) -> Json:
+    """Return the profile of a model: up to 20 ms where it has not been loaded yet. Raises NotFound."""
+    model = model_name(name)
+    if model not in profiles.models():
+        raise NotFound("models.unknown", model=name)
+    return profile_json(profiles.load(model))
