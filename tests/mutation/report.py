@@ -27,7 +27,7 @@ def modules_of(package: str, *names: str) -> list[str]:
 
 
 COMMAND_MODULES = [
-    *modules_of("service/api", "denial_log", "dispatcher"),
+    *modules_of("service/api", "audit_aggregator", "dispatcher"),
     *modules_of("service/auth", "actor"),
     *modules_of("service/control", "leases", "start_blockers", "tickets", "waivers"),
     *modules_of("service/process", "tuning"),

@@ -185,7 +185,7 @@ class Service:
         self.plant.drives.clear()
         await asyncio.gather(*(runtime.close() for runtime in self.plant.buses.values()))
         await self.incidents.close()
-        await self.dispatcher.denials.close()
+        await self.dispatcher.aggregator.close()
         timers.release(self._loop)
         return outcomes
 

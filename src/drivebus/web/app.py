@@ -11,7 +11,7 @@ from fastapi import FastAPI
 from starlette.middleware import Middleware
 from starlette.types import ASGIApp
 
-from drivebus.service.api.denial_log import DenialLog
+from drivebus.service.api.audit_aggregator import AuditAggregator
 from drivebus.service.api.handlers import bound_handlers
 from drivebus.service.api.operations import OPERATIONS
 from drivebus.service.auth.service import AuthService
@@ -66,7 +66,7 @@ def declared_routes() -> list[Route]:
 
 def make_app(client: ServiceClient, auth: AuthService, web: WebConfig) -> FastAPI:
     """Return the app of the page and the API."""
-    denials = DenialLog(client, auth.clock)
+    aggregator = AuditAggregator(client, auth.clock)
     end_watch = SessionEndWatch(client)
     pauses = LoopPauses()
 
@@ -76,7 +76,7 @@ def make_app(client: ServiceClient, auth: AuthService, web: WebConfig) -> FastAP
         yield
         measuring.cancel()
         await end_watch.close()
-        await denials.close()
+        await aggregator.close()
 
     table = RouteTable(declared_routes())
     app = _WebApp(
@@ -92,7 +92,7 @@ def make_app(client: ServiceClient, auth: AuthService, web: WebConfig) -> FastAP
                 auth=auth,
                 hosts=HostCheck(web),
                 proxies=TrustedProxies(web.trusted_proxies),
-                denials=denials,
+                aggregator=aggregator,
                 routes=table,
                 end_watch=end_watch,
             )
@@ -101,7 +101,7 @@ def make_app(client: ServiceClient, auth: AuthService, web: WebConfig) -> FastAP
     app.state.context = WebContext(
         auth=auth,
         client=client,
-        denials=denials,
+        aggregator=aggregator,
         health=ServiceHealth(client),
         pauses=pauses,
         login_notice=web.login_notice,

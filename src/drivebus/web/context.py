@@ -9,7 +9,7 @@ from typing import Any, TypeVar, cast
 from starlette.requests import HTTPConnection
 
 from drivebus.errors import DrivebusError, TooManyCommands
-from drivebus.service.api.denial_log import COUNTED, DenialKind, DenialLog, try_record
+from drivebus.service.api.audit_aggregator import COUNTED, AuditAggregator, RecordKind, try_record
 from drivebus.service.api.operations import Operation
 from drivebus.service.api.record_budget import RecordBudget
 from drivebus.service.audit import AuditEntry
@@ -33,7 +33,7 @@ class WebContext:
 
     auth: AuthService
     client: ServiceClient
-    denials: DenialLog
+    aggregator: AuditAggregator
     health: ServiceHealth
     pauses: LoopPauses
     budget: RecordBudget = field(default_factory=RecordBudget)
@@ -57,14 +57,14 @@ class WebContext:
         """
         what, now = operation.name, self.auth.clock()
         if withdraws and self.budget.wait_s(actor, now) > 0:
-            if await self.denials.count(DenialKind.of(what, target[:MAX_NAME_LENGTH], COUNTED, actor)):
+            if await self.aggregator.count(RecordKind.of(what, target[:MAX_NAME_LENGTH], COUNTED, actor)):
                 await try_record(self.client, audit_entry(what, target[:MAX_NAME_LENGTH], outcome="requested"), actor)
             return await change
         try:
             self.budget.check(actor, now)
         except TooManyCommands as error:
             change.close()
-            await self.denials.record_denial(operation.method, operation.path, error.key, actor)
+            await self.aggregator.record_denial(operation.method, operation.path, error.key, actor)
             raise
         requested = audit_entry(what, target, params, outcome="requested")
         self.budget.charge(actor, AuditEntry.from_json(requested, actor), now)

@@ -22,7 +22,7 @@ from drivebus.errors import (
     StopUnconfirmed,
     TooManyCommands,
 )
-from drivebus.service.api.denial_log import SUMMARY_PERIOD_S
+from drivebus.service.api.audit_aggregator import SUMMARY_PERIOD_S
 from drivebus.service.api.dispatcher import MAX_RECORDING_S, STOP_AUDIT_TIMEOUT_S, Dispatcher
 from drivebus.service.api.errors import param_fault
 from drivebus.service.api.operations import OPERATIONS, Audit

@@ -178,7 +178,7 @@ def test_the_middleware_forwards_lifespan_and_denies_a_handshake_without_an_orig
             auth=harness.auth,
             hosts=HostCheck(WebConfig()),
             proxies=TrustedProxies(()),
-            denials=harness.denials,
+            aggregator=harness.aggregator,
             routes=RouteTable([]),
             end_watch=SessionEndWatch(harness.service),
         )

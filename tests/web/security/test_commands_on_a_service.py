@@ -29,7 +29,7 @@ def on_a_plant(directory: Path, scenario: Scenario) -> None:
     async def whole() -> None:
         async with running_service() as kit:
             harness = WebAppHarness(directory, service=kit.service)
-            harness.denials.__init__(kit.service, harness.clock)  # type: ignore[misc]
+            harness.aggregator.__init__(kit.service, harness.clock)  # type: ignore[misc]
             await asyncio.sleep(5)
             await kit.grant_waivers()
             await scenario(kit, harness)

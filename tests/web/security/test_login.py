@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from starlette.datastructures import Headers
 
-from drivebus.service.api.denial_log import MAX_KINDS_PER_PERIOD, SUMMARY_PERIOD_S
+from drivebus.service.api.audit_aggregator import MAX_KINDS_PER_PERIOD, SUMMARY_PERIOD_S
 from drivebus.service.api.errors import localized
 from drivebus.service.auth.devices import DeviceCookies, device_cookie_name
 from drivebus.service.auth.rights import AccessLevel

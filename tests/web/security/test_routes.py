@@ -213,9 +213,9 @@ def test_without_a_valid_credential_every_route_is_401_and_calls_no_operation(ki
 
 def counted(harness: WebAppHarness) -> int:
     """Return the number of denials: recorded ones with their repetitions, and those still being counted."""
-    refusals = harness.denials
+    aggregator = harness.aggregator
     message = sum(entry["params"]["times"] for entry, _ in harness.service.records if entry["what"] == "refused")
-    return message + sum(refusals._counts.values())
+    return message + sum(aggregator._counts.values())
 
 
 async def expired_session(harness: WebAppHarness) -> AsyncClient:

@@ -235,7 +235,7 @@ def test_a_flood_of_changes_of_the_own_account_is_counted_beyond_a_budget(
             assert not refused, "a change of the password withdraws the access of others"
         written = len(harness.service.records)
         assert written < 60
-        await harness.denials.flush()
+        await harness.aggregator.flush()
         (counted,) = (entry for entry, _ in harness.service.records[written:])
         what = path.removeprefix("/") if way == "password" else "token.add"
         singly = [entry["outcome"] for entry, _ in harness.service.records if entry["what"] == what].count("requested")

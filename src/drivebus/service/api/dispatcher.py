@@ -25,8 +25,8 @@ from drivebus.errors import (
     before_motion,
 )
 from drivebus.service.alarms import Alarm
+from drivebus.service.api.audit_aggregator import COUNTED, AuditAggregator, RecordKind
 from drivebus.service.api.command_records import record, record_or_queue
-from drivebus.service.api.denial_log import COUNTED, DenialKind, DenialLog
 from drivebus.service.api.errors import error_to_json, params_error, to_plain
 from drivebus.service.api.operations import OPERATIONS, Audit, Operation, OperationParams
 from drivebus.service.api.operations.alarms import AlarmParams, AlarmSelectionParams
@@ -61,7 +61,7 @@ class Dispatcher:
 
     def __init__(self, plant: Plant, handlers: Mapping[str, Callable[..., Awaitable[Json]]]) -> None:
         self.plant, self._handlers = plant, handlers
-        self.denials = DenialLog(self, plant.now)
+        self.aggregator = AuditAggregator(self, plant.now)
         self._command_budget, self._stop_budget = RecordBudget(), RecordBudget()
         self._counting: set[asyncio.Task[None]] = set()
 
@@ -131,7 +131,7 @@ class Dispatcher:
 
     async def _record_denial(self, operation: Operation, params: Json, actor: Actor, reason: str) -> None:
         """Record a denied request, or count it where one of its kind has just been recorded."""
-        if await self.denials.count(DenialKind.of("refused", f"{operation.method} {operation.path}", reason, actor)):
+        if await self.aggregator.count(RecordKind.of("refused", f"{operation.method} {operation.path}", reason, actor)):
             self._record_nowait(_short_entry(operation, params, actor, reason))
 
     async def _stop_and_record(
@@ -175,7 +175,7 @@ class Dispatcher:
             except ServiceError as error:
                 await self._record_denial(operation, params.model_dump(), actor, error.key)
                 return
-            if await self.denials.count(DenialKind.of(entry.what, entry.target, COUNTED, actor)):
+            if await self.aggregator.count(RecordKind.of(entry.what, entry.target, COUNTED, actor)):
                 self._record_nowait(entry)
 
         task = asyncio.ensure_future(count())

@@ -1,7 +1,7 @@
 """Authentication and authorization of every request, before a route runs and before its body is read.
 
 Order: host and origin, route, turn on the event loop, credential, CSRF token, right, body. A request that fails one of
-them is answered here and recorded in the denial log.
+them is answered here and recorded through the audit aggregator.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from drivebus.errors import DrivebusError
-from drivebus.service.api.denial_log import DenialLog
+from drivebus.service.api.audit_aggregator import AuditAggregator
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.credentials import Credential, SessionCredential, TokenCredential
 from drivebus.service.auth.errors import AccessDenied, NotAuthenticated, ResourceNotFound
@@ -41,7 +41,7 @@ class AuthMiddleware:
         auth: AuthService,
         hosts: HostCheck,
         proxies: TrustedProxies,
-        denials: DenialLog,
+        aggregator: AuditAggregator,
         routes: RouteTable,
         end_watch: SessionEndWatch,
     ) -> None:
@@ -49,7 +49,7 @@ class AuthMiddleware:
         self.auth = auth
         self.hosts = hosts
         self.proxies = proxies
-        self.denials = denials
+        self.aggregator = aggregator
         self.routes = routes
         self.end_watch = end_watch
 
@@ -155,7 +155,7 @@ class AuthMiddleware:
         actor = Actor("", frozenset(), "", address=client_address(scope)) if credential is None else credential.actor
         if isinstance(error, MethodNotAllowed):
             route = self.routes.match(scope["path"])[0]
-        await self.denials.record_denial(_method(scope), route.path if route else "-", error.key, actor)
+        await self.aggregator.record_denial(_method(scope), route.path if route else "-", error.key, actor)
         if scope["type"] != "websocket":
             await send_error(send, error)
         elif "websocket.http.response" in scope.get("extensions", {}):

@@ -9,7 +9,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse
 
 from drivebus.errors import DrivebusError
-from drivebus.service.api.denial_log import try_record
+from drivebus.service.api.audit_aggregator import try_record
 from drivebus.service.api.errors import localized
 from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations import Operation
@@ -192,7 +192,7 @@ async def _complete_login(
     except DrivebusError as error:
         recorded = "" if isinstance(error, TooManyAttempts) else name  # a flood of names must not flood the audit trail
         actor = Actor(recorded, frozenset(), "", address=client_address(request.scope))
-        await context.denials.record_denial(operation.name, recorded, error.key, actor)
+        await context.aggregator.record_denial(operation.name, recorded, error.key, actor)
         raise
     previous: Credential | None = request.state.credential
     if isinstance(previous, SessionCredential) and previous.session is not opened.session:

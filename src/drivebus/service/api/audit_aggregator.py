@@ -1,4 +1,4 @@
-"""``DenialLog``: denied requests and repeated stops in the audit trail, bounded so that no flood fills the disk."""
+"""``AuditAggregator``: audit records of the same kind are counted, so that no flood fills the disk."""
 
 from __future__ import annotations
 
@@ -37,49 +37,49 @@ async def try_record(client: AuditRecorder, entry: Json, actor: Actor) -> bool:
     return True
 
 
-class DenialKind(NamedTuple):
-    """Denials, or stops, that count as repetitions of each other."""
+class RecordKind(NamedTuple):
+    """Denied requests, or commands beyond a budget, that count as repetitions of each other."""
 
     what: str
-    """``refused``, or the operation of stops that are recorded as a count only."""
+    """``refused``, or the operation of commands that are recorded as a count only."""
     target: str
-    """Method and path of the route table, name of an operation, or what is stopped."""
+    """Method and path of the route table, name of an operation, or what the command is for."""
     outcome: str
-    """Key of the error; ``counted`` for stops."""
+    """Key of the error; ``counted`` for commands."""
     client: str
     """Name and address of the actor."""
     user: str
     """Name of the actor's user; empty before a login."""
 
     @classmethod
-    def of(cls, what: str, target: str, outcome: str, actor: Actor) -> DenialKind:
+    def of(cls, what: str, target: str, outcome: str, actor: Actor) -> RecordKind:
         return cls(what, target, outcome, f"{actor.name}@{actor.address}", actor.user)
 
     @property
-    def others(self) -> DenialKind:
+    def others(self) -> RecordKind:
         """Stands for this kind beyond ``MAX_KINDS_PER_PERIOD``: a count never loses whose commands it counts."""
         outcome = self.outcome if self.outcome == COUNTED else OTHERS
-        return DenialKind(self.what, OTHERS, outcome, self.user, self.user)
+        return RecordKind(self.what, OTHERS, outcome, self.user, self.user)
 
 
-class DenialLog:
-    """Records the first denial of a kind at once, counts the others, and records their number after the period."""
+class AuditAggregator:
+    """Records the first request of a kind at once, counts the others, and records their number after the period."""
 
     def __init__(self, client: AuditRecorder, clock: Clock) -> None:
         self.client = client
         self.clock = clock
-        self._counts: dict[DenialKind, int] = {}
+        self._counts: dict[RecordKind, int] = {}
         self._period_start = -SUMMARY_PERIOD_S
         self._flush_task: asyncio.Task[None] | None = None
         self._closing = asyncio.Event()
 
     async def record_denial(self, method: str, target: str, reason: str, actor: Actor) -> None:
         """Count a denial, and record it if it is the first of its kind in this period."""
-        kind = DenialKind.of("refused", f"{method} {target}", reason, actor)
+        kind = RecordKind.of("refused", f"{method} {target}", reason, actor)
         if await self.count(kind):
             await try_record(self.client, _count_entry(kind, 1), actor)
 
-    async def count(self, kind: DenialKind) -> bool:
+    async def count(self, kind: RecordKind) -> bool:
         """Count one of a kind; return whether it is the first in this period, which the caller records.
 
         At the end of the process there is no later count, so that the caller records each of them.
@@ -94,7 +94,7 @@ class DenialLog:
         if is_other or kind in self._counts:
             self._counts[kind] = self._counts.get(kind, 0) + 1
             if self._flush_task is None or self._flush_task.done():
-                self._flush_task = asyncio.get_running_loop().create_task(self._flush_later(), name="denial log")
+                self._flush_task = asyncio.get_running_loop().create_task(self._flush_later(), name="audit aggregator")
             return False
         self._counts[kind] = 0
         return True
@@ -105,7 +105,7 @@ class DenialLog:
         await self.flush()
 
     async def close(self) -> None:
-        """Record the number of repetitions now, at the end of the process, and count no later denial."""
+        """Record the number of repetitions now, at the end of the process, and count no later request."""
         self._closing.set()
         if self._flush_task is not None:
             await self._flush_task
@@ -119,7 +119,7 @@ class DenialLog:
                 await try_record(self.client, _count_entry(kind, times), ANONYMOUS)
 
 
-def _count_entry(kind: DenialKind, times: int) -> Json:
+def _count_entry(kind: RecordKind, times: int) -> Json:
     return {
         "what": kind.what,
         "target": kind.target,

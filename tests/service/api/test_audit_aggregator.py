@@ -1,4 +1,4 @@
-"""Denial log: the first denial of a kind is recorded at once, the others as a count, and no request waits long."""
+"""Audit aggregator: the first denial of a kind is recorded at once, the others as a count; no request waits long."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 
 from drivebus.errors import ServiceUnavailable
-from drivebus.service.api.denial_log import (
+from drivebus.service.api.audit_aggregator import (
     ANONYMOUS,
     MAX_KINDS_PER_PERIOD,
     SUMMARY_PERIOD_S,
-    DenialKind,
-    DenialLog,
+    AuditAggregator,
+    RecordKind,
     try_record,
 )
 from drivebus.service.auth.actor import Actor
@@ -43,11 +43,11 @@ def recorded_denials(plant: CountingService) -> list[tuple[str, str, int, str]]:
     return [(one["target"], one["params"]["who"], one["params"]["times"], one["outcome"]) for one, _ in plant.records]
 
 
-def denial_log(plant: CountingService) -> DenialLog:
-    return DenialLog(plant, asyncio.get_running_loop().time)
+def audit_aggregator(plant: CountingService) -> AuditAggregator:
+    return AuditAggregator(plant, asyncio.get_running_loop().time)
 
 
-def test_the_limits_of_the_denial_log_bound_it_to_25_megabytes_a_day() -> None:
+def test_the_limits_of_the_audit_aggregator_bound_it_to_25_megabytes_a_day() -> None:
     assert (SUMMARY_PERIOD_S, MAX_KINDS_PER_PERIOD) == (30, 16)
 
 
@@ -74,13 +74,13 @@ def test_the_first_denial_of_a_kind_is_recorded_at_once_and_the_others_as_a_coun
     plant = CountingService()
 
     async def scenario() -> None:
-        denials = denial_log(plant)
+        aggregator = audit_aggregator(plant)
         for _ in range(3):
-            await denials.record_denial("POST", "/stop", "auth.csrf", EVE)
-        await denials.record_denial("GET", "/stop", "auth.csrf", EVE)
-        await denials.record_denial("POST", "/run", "auth.csrf", EVE)
-        await denials.record_denial("POST", "/stop", "auth.forbidden", EVE)
-        await denials.record_denial("POST", "/stop", "auth.csrf", ANONYMOUS)
+            await aggregator.record_denial("POST", "/stop", "auth.csrf", EVE)
+        await aggregator.record_denial("GET", "/stop", "auth.csrf", EVE)
+        await aggregator.record_denial("POST", "/run", "auth.csrf", EVE)
+        await aggregator.record_denial("POST", "/stop", "auth.forbidden", EVE)
+        await aggregator.record_denial("POST", "/stop", "auth.csrf", ANONYMOUS)
         once = [
             ("POST /stop", "eve@10.0.0.9", 1, "auth.csrf"),
             ("GET /stop", "eve@10.0.0.9", 1, "auth.csrf"),
@@ -105,20 +105,20 @@ def test_the_count_is_recorded_before_a_new_period() -> None:
     plant = CountingService()
 
     async def scenario() -> None:
-        denials = denial_log(plant)
+        aggregator = audit_aggregator(plant)
         now = 100.0
-        denials.clock = lambda: now
+        aggregator.clock = lambda: now
         for _ in range(2):
-            await denials.record_denial("POST", "/stop", "k", EVE)
+            await aggregator.record_denial("POST", "/stop", "k", EVE)
         now += SUMMARY_PERIOD_S - 0.1
-        await denials.record_denial("POST", "/stop", "k", EVE)
+        await aggregator.record_denial("POST", "/stop", "k", EVE)
         assert len(plant.records) == 1
         now += 0.1
-        await denials.record_denial("POST", "/stop", "k", EVE)
+        await aggregator.record_denial("POST", "/stop", "k", EVE)
         now += SUMMARY_PERIOD_S - 0.1
-        await denials.record_denial("POST", "/stop", "k", EVE)
+        await aggregator.record_denial("POST", "/stop", "k", EVE)
         assert [times for _, _, times, _ in recorded_denials(plant)] == [1, 2, 1]
-        await denials.flush()
+        await aggregator.flush()
         assert [times for _, _, times, _ in recorded_denials(plant)] == [1, 2, 1, 1]
 
     run(scenario())
@@ -130,13 +130,13 @@ def test_the_end_of_the_process_records_the_count_and_leaves_no_task(waited_s: f
     plant = FailingService(1.0)
 
     async def scenario() -> None:
-        denials = denial_log(plant)
+        aggregator = audit_aggregator(plant)
         for _ in range(3):
-            await denials.record_denial("POST", "/stop", "k", EVE)
+            await aggregator.record_denial("POST", "/stop", "k", EVE)
         await asyncio.sleep(waited_s)
-        await denials.close()
+        await aggregator.close()
         assert [times for _, _, times, _ in recorded_denials(plant)] == [1, 2]
-        assert not [task for task in asyncio.all_tasks() if task.get_name() == "denial log"]
+        assert not [task for task in asyncio.all_tasks() if task.get_name() == "audit aggregator"]
 
     run(scenario())
 
@@ -146,17 +146,17 @@ def test_a_denial_while_the_last_counts_are_written_is_recorded_at_once_and_leav
     plant = FailingService(1.0)
 
     async def scenario() -> None:
-        denials = denial_log(plant)
+        aggregator = audit_aggregator(plant)
         for _ in range(3):
-            await denials.record_denial("POST", "/stop", "k", EVE)
-        closing = asyncio.create_task(denials.close())
+            await aggregator.record_denial("POST", "/stop", "k", EVE)
+        closing = asyncio.create_task(aggregator.close())
         await asyncio.sleep(0.5)
         for _ in range(2):
-            assert await denials.count(DenialKind.of("refused", "POST /stop", "k", EVE)), "the caller records it"
+            assert await aggregator.count(RecordKind.of("refused", "POST /stop", "k", EVE)), "the caller records it"
         await closing
-        assert await denials.count(DenialKind.of("refused", "POST /stop", "k", EVE)), "nor is a later one counted"
+        assert await aggregator.count(RecordKind.of("refused", "POST /stop", "k", EVE)), "nor is a later one counted"
         assert recorded_denials(plant) == [("POST /stop", "eve@10.0.0.9", times, "k") for times in (1, 2)]
-        assert not [task for task in asyncio.all_tasks() if task.get_name() == "denial log"]
+        assert not [task for task in asyncio.all_tasks() if task.get_name() == "audit aggregator"]
 
     run(scenario())
 
@@ -167,20 +167,20 @@ def test_the_end_of_the_process_does_not_wait_for_denials_that_keep_coming(count
     plant = FailingService(1.0)
 
     async def scenario() -> None:
-        denials, sent = denial_log(plant), 0
+        aggregator, sent = audit_aggregator(plant), 0
 
         async def deny_again_and_again() -> None:
             nonlocal sent
             async with asyncio.TaskGroup() as group:
                 for target in ("/run", "/jog") * 100:
                     sent += 1
-                    group.create_task(denials.record_denial("POST", target, "k", EVE))
+                    group.create_task(aggregator.record_denial("POST", target, "k", EVE))
                     await asyncio.sleep(0.3)
 
         denying = asyncio.create_task(deny_again_and_again())
         await asyncio.sleep(1.0 + counted_s)
         async with asyncio.timeout(3.0):
-            await denials.close()
+            await aggregator.close()
         assert not denying.done()
         await denying
         assert sum(times for _, _, times, _ in recorded_denials(plant)) == sent == 200
@@ -192,18 +192,18 @@ def test_kinds_beyond_the_limit_of_a_period_are_counted_together() -> None:
     plant = CountingService()
 
     async def scenario() -> None:
-        denials = denial_log(plant)
+        aggregator = audit_aggregator(plant)
         for n in range(MAX_KINDS_PER_PERIOD + 5):
-            await denials.record_denial("POST", f"/{n}", "k", EVE)
-        await denials.record_denial("POST", "/0", "k", EVE)
+            await aggregator.record_denial("POST", f"/{n}", "k", EVE)
+        await aggregator.record_denial("POST", "/0", "k", EVE)
         assert [target for target, *_ in recorded_denials(plant)] == [f"POST /{n}" for n in range(MAX_KINDS_PER_PERIOD)]
-        assert sum(task.get_name() == "denial log" for task in asyncio.all_tasks()) == 1
-        await denials.flush()
+        assert sum(task.get_name() == "audit aggregator" for task in asyncio.all_tasks()) == 1
+        await aggregator.flush()
         assert recorded_denials(plant)[MAX_KINDS_PER_PERIOD:] == [
             ("POST /0", "eve@10.0.0.9", 1, "k"),
             ("*", "eve", 5, "*"),
         ]
-        await denials.record_denial("POST", "/0", "k", EVE)
+        await aggregator.record_denial("POST", "/0", "k", EVE)
         assert recorded_denials(plant)[-1] == ("POST /0", "eve@10.0.0.9", 1, "k"), "a recorded kind begins a new period"
 
     run(scenario())
@@ -213,10 +213,10 @@ def test_a_second_flood_is_counted_like_the_first() -> None:
     plant = CountingService()
 
     async def scenario() -> None:
-        denials = denial_log(plant)
+        aggregator = audit_aggregator(plant)
         for _ in range(2):
             for _ in range(3):
-                await denials.record_denial("POST", "/stop", "k", EVE)
+                await aggregator.record_denial("POST", "/stop", "k", EVE)
             await asyncio.sleep(SUMMARY_PERIOD_S + 1)
         assert [times for _, _, times, _ in recorded_denials(plant)] == [1, 2, 1, 2]
 
