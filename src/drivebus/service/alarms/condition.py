@@ -73,6 +73,10 @@ class AlarmCondition:
             self.raised, self._since = False, self._since if shows_reply else None
         return cleared, observation if self._becomes_active(observation, now) else None
 
+    def suppress(self) -> None:
+        """Neither raise nor clear the alarm now; its delay begins again afterwards."""
+        self._since = None
+
     def _is_other_fault(self, observation: Observation) -> bool:
         is_fault = self.setting.kind is AlarmKind.FAULT and observation.state is LimitState.VIOLATED
         return is_fault and observation.value not in (self.value, UNNAMED_FAULT_CODE)

@@ -141,9 +141,16 @@ class AlarmEngine:
     # --- events ----------------------------------------------------------------------------------------------------
 
     def observe(self, view: DriveView, now: float, now_ms: int) -> list[AlarmChange]:
-        """Evaluate the conditions of a drive; call it at least four times a second and on every change."""
+        """Evaluate the conditions of a drive; call it at least four times a second and on every change.
+
+        While the port of its bus is lost, that it does not answer is suppressed: the alarm of the port stands for it.
+        """
         changes: list[AlarmChange] = []
+        port_is_lost = (SystemAlarm.PORT_LOST, SystemAlarm.PORT_LOST, "", view.bus) in self._uncleared
         for condition in self._conditions.get(view.id, ()):
+            if port_is_lost and condition.setting.kind is AlarmKind.NO_RESPONSE:
+                condition.suppress()
+                continue
             cleared, raised = condition.evaluate(view, now)
             if cleared:
                 changes += self._clear(condition.key, now_ms)

@@ -186,6 +186,7 @@ class SupervisionCycle:
             lambda: report_fault(plant, runtime, status),
             lambda: self._follow_motion(runtime, status),
             lambda: report_other_speed(plant, runtime, status),
+            lambda: self._report_lost_port(runtime),  # before the alarms of the drive, which it suppresses
             lambda: plant.publish_alarms(plant.alarms.observe(view, plant.now(), plant.wall_ms())),
             lambda: self._comm_loss_reads.schedule(runtime),
         ):
@@ -194,6 +195,10 @@ class SupervisionCycle:
     def _follow_motion(self, runtime: DriveRuntime, status: DriveStatus) -> None:
         self._policies.apply_on_restart(runtime, status)  # before its first report is noted
         report_motion(self._plant, runtime, status)
+
+    def _report_lost_port(self, runtime: DriveRuntime) -> None:
+        if not runtime.bus.is_open:
+            self._supervise_port(self._plant.bus_of(runtime))
 
     def _supervise_port(self, bus_runtime: BusRuntime) -> None:
         """Raise alarms for a lost port and a foreign master; publish an event when a port is lost or open again."""

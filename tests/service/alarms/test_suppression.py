@@ -1,0 +1,73 @@
+"""A lost port is one alarm: that its drives do not answer is suppressed as an effect (ISA-18.2)."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+
+from drivebus.drives.state import DriveState
+from drivebus.service.alarms import SystemAlarm
+from drivebus.service.config.model import AlarmKind
+from drivebus.simulator.port import simulated_bus_of
+from drivebus.testing.virtual_time import run
+from fixtures.service import BUSES, ServiceKit, plant_config, running_service
+
+
+def uncleared(kit: ServiceKit) -> list[tuple[str, str]]:
+    """Return kind and drive, or other subject, of the alarms whose condition holds."""
+    return sorted(
+        (alarm.kind, alarm.drive or alarm.subject)
+        for alarm in kit.service.plant.alarms.active()
+        if alarm.cleared_ms is None
+    )
+
+
+def test_a_lost_port_is_one_alarm_and_not_one_of_each_drive() -> None:
+    """A bus of 31 drives raised 32 alarms. A drive that is silent once the port is back raises its own."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(2)
+            plant = kit.service.plant
+            port = simulated_bus_of(plant.drives["fan-1"].bus.port)
+            port.unplug()
+            await asyncio.sleep(30)
+            assert uncleared(kit) == [("port_lost", "a")]
+            assert {alarm.kind for alarm in plant.alarms.active()} == {SystemAlarm.PORT_LOST}
+            view = plant.views["fan-1"]
+            assert (view.presence, view.state) == ("offline", DriveState.UNKNOWN)
+            kit.station("fan-2").faults.silent = True
+            port.replug()
+            await asyncio.sleep(30)
+            assert uncleared(kit) == [("no_response", "fan-2")]
+
+    run(scenario())
+
+
+def test_a_drive_that_was_silent_before_keeps_its_alarm_while_the_port_is_lost() -> None:
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(2)
+            kit.station("fan-1").faults.silent = True
+            await asyncio.sleep(20)
+            port = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
+            port.unplug()
+            await asyncio.sleep(20)
+            assert uncleared(kit) == [("no_response", "fan-1"), ("port_lost", "a")]
+            kit.station("fan-1").faults.silent = False
+            port.replug()
+            await asyncio.sleep(20)
+            assert uncleared(kit) == []
+
+    run(scenario())
+
+
+def test_a_port_that_is_absent_at_the_start_is_one_alarm() -> None:
+    async def scenario() -> None:
+        buses = (replace(BUSES[0], port="/dev/absent"), *BUSES[1:])
+        async with running_service(plant_config(buses=buses)) as kit:
+            await asyncio.sleep(30)
+            assert uncleared(kit) == [("port_lost", "a")]
+            assert AlarmKind.NO_RESPONSE not in {alarm.kind for alarm in kit.service.plant.alarms.active()}
+
+    run(scenario())
