@@ -15,11 +15,13 @@ from starlette.websockets import WebSocket
 from drivebus.errors import ControlNotHeld, ServiceUnavailable
 from drivebus.gateways.fanout import MAX_QUEUED_MESSAGES, matches_topic
 from drivebus.gateways.upstream import UpstreamFeed
+from drivebus.service.auth.rights import Role
 from drivebus.testing import virtual_time
-from drivebus.web.live.endpoint import LIVE_ACTOR, MAX_WEBSOCKETS, LiveEndpoint
+from drivebus.web.live.endpoint import LIVE_ACTOR, MAX_WEBSOCKETS, MAX_WEBSOCKETS_OF_USER, LiveEndpoint
 from drivebus.web.live.messages import MAX_PATTERNS, MAX_RENEWALS, parse_interval, parse_message, parse_patterns
 from fixtures.live import FakeSubscriber, FakeWebSocket, Json, signal, snapshot, update
 from fixtures.rest_api import FakeService
+from fixtures.service import remote_actor
 
 DRIVES = ("drives/*",)
 
@@ -553,7 +555,7 @@ def test_too_many_messages_end_the_connection() -> None:
 
 def test_websockets_beyond_the_limit_are_refused() -> None:
     async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
-        sockets = [FakeWebSocket() for _ in range(MAX_WEBSOCKETS + 1)]
+        sockets = [FakeWebSocket(remote_actor(f"user-{number % 3}")) for number in range(MAX_WEBSOCKETS + 1)]
         tasks = [begin(live, socket) for socket in sockets]
         await asyncio.sleep(0.1)
         assert [socket.closed for socket in sockets] == [None] * MAX_WEBSOCKETS + [(1013, "many")]
@@ -561,6 +563,31 @@ def test_websockets_beyond_the_limit_are_refused() -> None:
         for socket in sockets:
             socket.incoming.put_nowait(None)
         await asyncio.gather(*tasks)
+
+    run_endpoint(scenario)
+
+
+def test_one_user_leaves_websockets_to_the_others() -> None:
+    """A viewer could open all of them, with sessions and tokens: no operator saw a value any more."""
+
+    async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
+        viewer, program = (remote_actor(name, Role.VIEWER) for name in ("eve", "eve/report"))
+        sockets = [FakeWebSocket((viewer, program)[number % 2]) for number in range(MAX_WEBSOCKETS_OF_USER + 1)]
+        operator = FakeWebSocket(remote_actor("bob"))
+        tasks = [begin(live, socket) for socket in (*sockets, operator)]
+        await asyncio.sleep(0.1)
+        assert [socket.closed for socket in sockets] == [None] * MAX_WEBSOCKETS_OF_USER + [(1013, "many")]
+        assert operator.closed is None
+        sockets[0].incoming.put_nowait(None)
+        await asyncio.sleep(0.1)
+        again = FakeWebSocket(viewer)
+        tasks.append(begin(live, again))
+        await asyncio.sleep(0.1)
+        assert again.closed is None
+        for socket in (*sockets[1:], operator, again):
+            socket.incoming.put_nowait(None)
+        await asyncio.gather(*tasks)
+        assert live.open == 0
 
     run_endpoint(scenario)
 

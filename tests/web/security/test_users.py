@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import json
 import os
+from collections.abc import AsyncIterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +15,7 @@ import pytest
 from httpx import AsyncClient
 
 from drivebus.service.api.operations import Audit, Operation
+from drivebus.service.auth.rights import Role
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S, SESSION_LIFETIME_S
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
@@ -23,6 +27,49 @@ from fixtures.web_app import PASSWORD, WebAppHarness
 
 DAY_MS = 86_400_000
 NEW = "a quite new pass phrase"
+
+
+@pytest.mark.parametrize("end", ["removed", "changed to viewer", "logged out"])
+@pytest.mark.parametrize(
+    ("method", "path", "body"),
+    [
+        ("POST", "/api/v1/users", {"name": "eve", "role": "engineer", "password": NEW}),
+        ("DELETE", "/api/v1/users/engineer", {}),
+        ("POST", "/api/v1/password", {"old": PASSWORD, "new": NEW}),
+    ],
+)
+def test_a_right_that_ends_while_the_body_is_sent_slowly_is_no_right(
+    method: str, path: str, body: Json, end: str, tmp_path: Path
+) -> None:
+    """A dismissed administrator could finish a request that had begun before, and keep an account of another name."""
+    harness = WebAppHarness(tmp_path)
+
+    async def scenario() -> None:
+        another = replace(harness.auth.database.user("administrator"), name="chief")
+        harness.auth.user_file.change(lambda database: database.with_user(another))
+        client = await harness.log_in("administrator")
+        changed = before = harness.auth.database
+
+        async def slow_body() -> AsyncIterator[bytes]:
+            nonlocal changed
+            text = json.dumps(body).encode()
+            yield text[:1]
+            if end == "logged out":
+                assert (await client.post("/api/v1/logout")).status_code == 200
+            elif end == "removed":
+                harness.auth.user_file.change(lambda database: database.without_user("administrator"))
+            else:
+                viewer = replace(before.user("administrator"), role=Role.VIEWER)
+                harness.auth.user_file.change(lambda database: database.with_changed_user(viewer))
+            changed = harness.auth.database
+            yield text[1:]
+
+        headers = {"Content-Type": "application/json"}
+        answer = await client.request(method, path, content=slow_body(), headers=headers)
+        assert answer.status_code == 401, answer.text
+        assert harness.auth.database == changed
+
+    run(scenario())
 
 
 def audit_entries(harness: WebAppHarness, *excluded: str) -> list[tuple[str, str, str, Json, str]]:

@@ -1,7 +1,7 @@
 """Authentication and authorization of every request, before a route runs and before its body is read.
 
-Order: host and origin, route, turn on the event loop, credential, CSRF token, right, body. A request that fails one of
-them is answered here and recorded through the audit aggregator.
+Order: host and origin, route, turn on the event loop, credential, CSRF token, right, body, right. A request that fails
+one of them is answered here and recorded through the audit aggregator.
 """
 
 from __future__ import annotations
@@ -72,6 +72,7 @@ class AuthMiddleware:
                 is_public = isinstance(route.access, AccessLevel)
                 max_bytes = MAX_PUBLIC_BODY_BYTES if is_public else MAX_BODY_BYTES
                 state["body"] = await read_body(receive, headers, max_bytes)
+                self._check_right(route, credential)  # again: the client may have sent its body for ten seconds
         except DrivebusError as error:
             await self._deny(error, scope, route, credential, send)
             return
@@ -134,7 +135,7 @@ class AuthMiddleware:
             return
         if credential is None or route.access is not Right.STOP:
             self.auth.check_set_up()
-        if credential is None:
+        if credential is None or credential.end_reason is not None:
             raise NotAuthenticated("auth.not_logged_in")
         if route.access is AccessLevel.SESSION:
             if not isinstance(credential, SessionCredential):
