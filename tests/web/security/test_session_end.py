@@ -16,7 +16,9 @@ from drivebus.service.audit.records import SESSION_ENDED
 from drivebus.service.auth.users import UserFile
 from drivebus.service.config.model import OnClientLost
 from drivebus.testing.virtual_time import run
+from drivebus.types import Json
 from drivebus.values import bilingual_text
+from fixtures.rest_api import FakeService
 from fixtures.service import ServiceKit, plant_config, running_service
 from fixtures.web_app import WebAppHarness
 
@@ -150,3 +152,22 @@ def test_a_users_file_that_is_damaged_for_a_while_does_not_end_the_watch_of_sess
         assert [one.who for one in ended_records(kit)] == ["operator"]
 
     on_a_plant(tmp_path, scenario)
+
+
+def test_the_download_of_a_removed_user_ends_with_the_next_part(tmp_path: Path) -> None:
+    """A user who read it slowly got the history for as long as that took, also what was added to it meanwhile."""
+
+    async def scenario() -> None:
+        def next_part(params: Json) -> Json:
+            number = int(params.get("cursor", 0))
+            if number == 1:
+                harness.auth.user_file.change(lambda database: database.without_user("viewer"))
+            return {"file": "x.csv", "text": f"part {number}\n", "next": str(number + 1) if number < 3 else None}
+
+        plant = FakeService(**{"history.export": next_part})
+        harness = WebAppHarness(tmp_path, service=plant)
+        viewer = await harness.log_in("viewer")
+        answer = await viewer.get("/api/v1/history/export?tags=a&from_ms=0&to_ms=9")
+        assert answer.text == "part 0\npart 1\n"
+
+    run(scenario())

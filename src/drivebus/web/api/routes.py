@@ -11,9 +11,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
 from drivebus.service.api.operations import Operation
-from drivebus.service.auth.actor import Actor
 from drivebus.service.ipc.protocol import MAX_MOTION_WAIT_S, late_motion_error
-from drivebus.service.ipc.service_client import ServiceClient
 from drivebus.types import Json
 from drivebus.web.api.openapi import operation_options
 from drivebus.web.api.params import request_params
@@ -91,22 +89,20 @@ def _download_handler(operation: Operation) -> Callable[[Request], Awaitable[Res
         """
         params = request_params(operation, request)
         operation.validate(params)  # as the service does again: a rejected request never occupies its process
-        client, actor = client_of(request), actor_of(request)
-        first = await client.call(operation.name, params, actor)
+        first = await client_of(request).call(operation.name, params, actor_of(request))
         headers = NO_STORE | {"Content-Disposition": f'attachment; filename="{first["file"]}"'}
         media_type = EXPORT_MEDIA_TYPES[params.get("format", "csv")]
-        parts = _file_parts(client, operation.name, params, actor, first)
+        parts = _file_parts(request, operation.name, params, first)
         return StreamingResponse(parts, media_type=media_type, headers=headers)
 
     return handle
 
 
-async def _file_parts(
-    client: ServiceClient, operation: str, params: Json, actor: Actor, part: Json
-) -> AsyncIterator[bytes]:
+async def _file_parts(request: Request, operation: str, params: Json, part: Json) -> AsyncIterator[bytes]:
+    """Yield all parts of a file; each is read with the rights that the user has then."""
     yield _part_bytes(part)
     while part.get("next") is not None:
-        part = await client.call(operation, params | {"cursor": part["next"]}, actor)
+        part = await client_of(request).call(operation, params | {"cursor": part["next"]}, actor_of(request))
         yield _part_bytes(part)
 
 
