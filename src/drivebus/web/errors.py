@@ -114,8 +114,8 @@ async def send_error(send: Send, error: DrivebusError) -> None:
 
 
 def error_response(error: DrivebusError) -> Response:
-    """Return the response to an error of this process."""
-    payload = json.dumps(error_to_json(error), ensure_ascii=False).encode()
+    """Return the response to an error of this process; a lone surrogate that it names is escaped, as JSON allows."""
+    payload = json.dumps(error_to_json(error), ensure_ascii=False).encode("utf-8", "backslashreplace")
     return _response(payload, http_status(type(error)), error_headers(error))
 
 

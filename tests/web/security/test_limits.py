@@ -63,11 +63,12 @@ def test_an_ambiguous_body_is_rejected(body: bytes, status: int, tmp_path: Path)
     [
         (b'{"name": "operator", "name": "viewer", "password": "x"}', "auth.twice"),
         (b'{"name": "viewer", "password": "x", "more": [{"a": 1, "b": 2, "a": 3}]}', "auth.twice"),
+        (b'{"\\ud800": 1, "\\ud800": 2}', "auth.twice"),  # it was an internal error, with 50 lines in the log
         (b'{"name": "viewer", "password": NaN}', "auth.malformed"),
         (b'{"name": "viewer"', "auth.malformed"),
         (b"[" * 4000, "auth.malformed"),
     ],
-    ids=range(5),
+    ids=range(6),
 )
 def test_a_public_body_with_two_meanings_is_rejected_before_its_route(body: bytes, code: str, tmp_path: Path) -> None:
     """No library behind the middleware takes the last of two values, or a part of the body."""
@@ -77,7 +78,21 @@ def test_a_public_body_with_two_meanings_is_rejected_before_its_route(body: byte
         answer = await harness.client().post("/api/v1/login", content=body, headers=JSON)
         assert (answer.status_code, answer.json()["error"]["code"]) == (422, code), answer.text
         if code == "auth.twice":
-            assert answer.json()["error"]["params"]["names"] in (["name", "name", "password"], ["a", "a", "b"])
+            assert answer.json()["error"]["params"]["names"] in (["name"], ["a"], ["\ud800"])
+
+    run(scenario())
+
+
+def test_the_response_to_many_repeated_names_is_short(tmp_path: Path) -> None:
+    """It named all of them: 2 MB for a body of 1 MB, made while a stop over the page waited."""
+    harness = WebAppHarness(tmp_path)
+    members = ",".join(f'"{number // 2:050}":0' for number in range(16_000))
+
+    async def scenario() -> None:
+        client = await harness.log_in("operator")
+        answer = await client.post(RUN, content=f"{{{members}}}", headers=JSON)
+        assert answer.status_code == 422 and len(answer.content) < 3_000
+        assert len(answer.json()["error"]["params"]["names"]) == 10
 
     run(scenario())
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from typing import Any, NoReturn
 
 from drivebus.types import Json
 
 _MAX_INTEGER_DIGITS = 1000  # fewer than sys.int_info.default_max_str_digits, so that Python converts each of them
-_SHOWN_CHARACTERS = 40  # of a number that is rejected
+_SHOWN_CHARACTERS = 40  # of a number or name that is rejected
+_SHOWN_NAMES = 10  # of those that are repeated
 _MAX_EXACT_INTEGER = 2**53  # a double holds every whole number below it
 
 
@@ -17,7 +19,7 @@ class MalformedJson(ValueError):
     """Text that is not one JSON document, or one that two parsers could read differently."""
 
     def __init__(self, problem: str, duplicates: tuple[str, ...] = ()) -> None:
-        """``duplicates``: the names of an object in which one occurs twice."""
+        """``duplicates``: names that occur more than once in one object."""
         super().__init__(problem)
         self.problem, self.duplicates = problem, duplicates
 
@@ -44,7 +46,8 @@ def parse_json(text: bytes | str) -> Any:
 def _object(pairs: list[tuple[str, Any]]) -> Json:
     members = dict(pairs)
     if len(members) != len(pairs):
-        raise MalformedJson("duplicate name", tuple(sorted(name for name, _ in pairs)))
+        repeated = sorted(name for name, times in Counter(name for name, _ in pairs).items() if times > 1)
+        raise MalformedJson("duplicate name", tuple(name[:_SHOWN_CHARACTERS] for name in repeated[:_SHOWN_NAMES]))
     return members
 
 
