@@ -127,6 +127,15 @@ def test_a_printed_fleet_names_its_filters_in_place_of_their_fields(stage: Stage
     expect(filtered.locator(".button")).to_be_hidden()
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_printed_bus_is_no_wider_than_a_sheet(visit: Any, language: str) -> None:
+    """Regression: the table of its stations had 900 pixels, of which a sheet of A4 cut off the errors."""
+    page = visit("#/buses/fans", language=language, size=(718, 1040))
+    page.locator(".wide-table tbody tr").first.wait_for()
+    page.emulate_media(media="print")
+    assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+
+
 BLANK_OR_CLOSED = """() => [...document.querySelectorAll("main :is(div, p, section, details, summary)")]
 .filter((one) => {
   const box = one.getBoundingClientRect();
