@@ -74,15 +74,17 @@ class UpstreamFeed:
                 self._cache.remove(stream)
 
     def _required_streams(self) -> set[str]:
-        """Return the streams of the patterns: a star stands for the known buses, a name also for a bus to come."""
+        """Return the streams of the patterns: frames of known buses only, because clients can invent any name.
+
+        Each stream costs the process of the buses a message a second.
+        """
         if not self._groups:
             return set()
         patterns = {pattern for group in self._groups.values() for pattern in group.patterns}
-        named = {pattern for pattern in patterns if pattern.startswith(FRAMES_PREFIX) and "*" not in pattern}
         buses = (topic.removeprefix("buses/") for topic in self._cache.topics if topic.startswith("buses/"))
         streams = (f"{FRAMES_PREFIX}{bus}" for bus in buses)
         matching = {stream for stream in streams if any(matches_topic(stream, pattern) for pattern in patterns)}
-        return {STATE_STREAM} | named | matching
+        return {STATE_STREAM} | matching
 
     async def _read(self, stream: str) -> None:
         """Read one stream to its end, which ends everything."""
