@@ -21,11 +21,11 @@ from drivebus.cli.signals import ShutdownSignal
 from drivebus.drives.operations import start
 from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
 from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault
-from drivebus.errors import ChecksumError, ControlNotHeld, DrivebusError, NotFound, PortLost
+from drivebus.errors import ChecksumError, ControlNotHeld, DrivebusError, Expired, NotFound, PortLost
 from drivebus.values import Text
 
 ATTACHED = "Attached: Ctrl-C stops the drive"
-DETACHED = "Detached: the drive keeps running without supervision."
+DETACHED = "Detached. A sim:// drive ends with this command"
 
 
 @pytest.mark.parametrize(
@@ -48,6 +48,33 @@ def test_only_a_drive_that_was_started_is_called_attached_or_detached(
     found = CliRunner().invoke(cli, ["run", *drive, *words], env={"COLUMNS": "200"})
     assert found.exit_code == code, found.output
     assert [text for text in (ATTACHED, DETACHED) if text in found.stdout] == shown
+
+
+@pytest.mark.parametrize(
+    ("url", "key"),
+    [("/dev/ttyUSB0", "run.detached"), ("tcp://h:1", "run.detached"), ("sim://c320@1", "run.detached_simulated")],
+)
+def test_a_detached_run_says_that_only_a_simulated_drive_ends_with_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], url: str, key: str
+) -> None:
+    """A ``sim://`` drive was reported to keep running, and the next command met one that stands still."""
+
+    async def start(*_: object) -> ExitCode:
+        return ExitCode.DONE
+
+    monkeypatch.setattr(run, "_start", start)
+    bus: Any = SimpleNamespace(port=SimpleNamespace(url=url))
+    chosen = run.RunOptions(frequency_hz=5.0, direction=None, wait=False, detach=True)
+    assert asyncio.run(run._start_and_watch(bus, Any, ShutdownSignal(), chosen)) is None  # type: ignore[arg-type]
+    assert capsys.readouterr().out.strip() == i18n.text(key, "en")
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_start_whose_checks_took_too_long_names_what_prolongs_them(language: str) -> None:
+    """On a line with late replies each start was refused, without a next step."""
+    output.parse_global_options(["--lang", language])
+    hint = error_hint(Expired("drives.checks_timeout", age_s=6.1, limit_s=5.0))
+    assert hint == i18n.text("hint.drives.checks_timeout", language) and "drivebus monitor" in hint
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])

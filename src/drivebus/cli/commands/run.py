@@ -86,7 +86,7 @@ async def _start_and_watch(bus: Bus, drive: Drive, shutdown: ShutdownSignal, cho
 
     started = await _start(bus, drive, shutdown, chosen)
     if chosen.detach and started is ExitCode.DONE and not shutdown.received:
-        output.print_message("run.detached_service" if _is_remote(drive) else "run.detached")
+        output.print_message(_detached_key(bus, drive))
         return None
     if started is not ExitCode.DONE:
         return started
@@ -178,6 +178,13 @@ async def _watch(bus: Bus, drive: Drive, shutdown: ShutdownSignal, watch: RunWat
             return ExitCode.FAILED
         await shutdown.wait(STATUS_PERIOD_S)
     return ExitCode.INTERRUPTED
+
+
+def _detached_key(bus: Bus, drive: Drive) -> str:
+    """Return the key of the sentence on what becomes of a drive that keeps running."""
+    if _is_remote(drive):
+        return "run.detached_service"
+    return "run.detached_simulated" if bus.port.url.startswith("sim:") else "run.detached"
 
 
 def _is_remote(drive: Drive) -> TypeGuard[RemoteDrive]:
