@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
@@ -460,5 +461,23 @@ def test_the_last_stop_of_a_drive_names_its_user_and_kind_until_the_drive_is_sta
             assert (await last_stop(), await last_stop("fan-2")) == (("group", "ann"), ("group", "ann"))
             await kit.call("plant.stop", remote_actor("bob"))
             assert await last_stop("pump-1") == ("all", "bob")
+
+    run(scenario())
+
+
+def test_a_stop_is_confirmed_while_many_requests_read_parameters_of_its_bus() -> None:
+    """Ten requests at once went before the reads that confirm it: it was reported as not confirmed."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await ready(kit, "fan-2")
+            names = [*kit.service.plant.drives["fan-1"].profile.parameters][:64]
+            call = partial(kit.call, "parameters.read", drive="fan-1", names=names)
+            reads = [asyncio.create_task(call()) for _ in range(10)]
+            await asyncio.sleep(0.5)
+            stopped = await kit.call("drive.stop", drive="fan-2")
+            assert stopped["outcome"]["status"] == "confirmed"
+            for read in reads:
+                assert len((await read)["parameters"]) == len(names)
 
     run(scenario())

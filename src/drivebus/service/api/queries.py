@@ -149,7 +149,8 @@ class Queries:
         runtime = self.plant.drive_runtime(params.drive)
         if "identify" not in runtime.profile.capabilities:
             raise CapabilityError("drives.cannot", model=runtime.profile.model, what="identify")
-        return (await runtime.drive.identify()).as_json()
+        identity = await self.plant.bus_of(runtime).reads.run(runtime.drive.identify)
+        return identity.as_json()
 
     @handles(PARAMETERS_READ)
     async def read_parameters(self, params: ParameterReadParams, actor: Actor) -> Json:
@@ -160,7 +161,7 @@ class Queries:
             entries, unknown = find_entries(drive.profile, [name])
             known += entries
             refused |= {name: error_to_json(error) for name, error in unknown.items()}
-        readings = await drive.drive.read(known) if known else {}
+        readings = await self.plant.bus_of(drive).reads.run(lambda: drive.drive.read(known)) if known else {}
         return {"parameters": readings_json(drive.profile, readings), "refused": refused}
 
     # --- history and audit trail ----------------------------------------------------------------------------------

@@ -21,6 +21,7 @@ from drivebus.service.config.adapter_latency import AdapterLatency, adapter_late
 from drivebus.service.config.bus_load import serial_settings_of
 from drivebus.service.config.model import BusConfig, DriveConfig, title_of
 from drivebus.service.runtime.drive import DriveRuntime
+from drivebus.service.storage.one_at_a_time import OneAtATime
 from drivebus.types import Json
 from drivebus.values import Text, bilingual_text
 
@@ -57,6 +58,8 @@ class BusRuntime:
         self._serial_device = serial_device(config.port)
         """Read from the port URL once: a file name is no port URL while the adapter is pulled."""
         self.drives: dict[str, DriveRuntime] = {}
+        self.reads = OneAtATime()
+        """Reads of parameters and identities for users: many at once would go before the reads that confirm a stop."""
         self.problem: DrivebusError | None = None
         """Reason why the bus is not open."""
         self.has_opened = False
