@@ -400,14 +400,14 @@ def test_nothing_moves_without_consent_and_no_step_needs_a_person_who_is_absent(
 
 
 def test_the_counts_of_a_finding_are_a_list_in_the_language_of_the_user() -> None:
-    """They were printed as a dict of Python."""
-    found = StepFinding("soak", StepResult.PASSED, {"reads": 5, "errors": {"late": 2, "no_reply": 1}})
+    """They were printed as a dict of Python, and later with the names of its classes: ``NoReply 1``."""
+    found = StepFinding("soak", StepResult.PASSED, {"reads": 5, "errors": {"late": 2, "NoReply": 1}})
     output.parse_global_options(["--lang", "zh"])
     try:
-        assert "reads=5、errors=late 2、no_reply 1" in acceptance_command._finding_lines(found)
+        assert "reads=5、errors=迟到 2、无应答 1" in acceptance_command._finding_lines(found)
     finally:
         output.parse_global_options(["--lang", "en"])
-    assert "reads=5, errors=late 2, no_reply 1" in acceptance_command._finding_lines(found)
+    assert "reads=5, errors=late 2, no reply 1" in acceptance_command._finding_lines(found)
 
 
 def test_a_finding_fits_the_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

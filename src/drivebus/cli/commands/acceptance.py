@@ -20,6 +20,7 @@ from drivebus.cli.click_ext import CliCommand, Option
 from drivebus.cli.connect import Target
 from drivebus.cli.drive_command import pop_target, print_outcome
 from drivebus.cli.errors import ExitCode, from_os_error, print_error
+from drivebus.cli.tui.rows import error_kind_text
 from drivebus.cli.written_file import check_writable, write_file
 from drivebus.commissioning.acceptance import (
     ACCEPTANCE_STEPS,
@@ -167,10 +168,10 @@ def _finding_lines(finding: StepFinding) -> list[str]:
 
 
 def _figure_text(value: Any) -> str:
-    """Format the counts of a dict as a list in the user's language, any other value as it is."""
+    """Format the errors of a dict, counted by kind, as a list in the user's language, any other value as it is."""
     if not isinstance(value, dict):
         return str(value)
-    return output.join((f"{name} {count}" for name, count in value.items()), "items") or "-"
+    return output.join((f"{error_kind_text(kind)} {count}" for kind, count in value.items()), "items") or "-"
 
 
 def _figures(finding: StepFinding) -> dict[str, Any]:
