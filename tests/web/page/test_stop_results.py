@@ -146,6 +146,7 @@ REPLACED = (
 
 def test_only_a_stop_of_the_same_drives_replaces_an_unconfirmed_one(visit: Any) -> None:
     page = visit("#/fleet")
+    page.locator("option[value=air]").wait_for(state="attached")  # its drives are known
     page.route("**/stop", lambda route: route.fulfill(status=200, json={"outcomes": {}, "buses": {}}))
     script = """async (cases) => {
       const m = await import('/static/js/control/stops.js');

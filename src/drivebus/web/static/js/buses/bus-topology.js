@@ -26,7 +26,7 @@ const appearanceOf = (station) => (isLive.value && PRESENCE_APPEARANCES[presence
 export function BusTopology({ stations }) {
   return html`<ol class="cable"><li class="host"><span class="node">▣</span><span
     class="name">${t("page.host")}</span></li>
-    ${stations.map((one) => html`<${StationNode} key=${one.address} station=${one} />`)}</ol>`;
+    ${stations.map((station) => html`<${StationNode} key=${station.address} station=${station} />`)}</ol>`;
 }
 
 function StationNode({ station }) {
@@ -43,21 +43,21 @@ function StationNode({ station }) {
 
 /** Stations of a bus as a table, with all figures. */
 export function Stations({ stations }) {
-  const slowest = Math.max(0.001, ...stations.map((one) => one.reply_p95_s ?? 0));
+  const slowest = Math.max(0.001, ...stations.map((station) => station.reply_p95_s ?? 0));
   const columns = [
-    [t("page.drive"), (one) => html`<a href=${href("drive", one.drive)}>${driveTitle(one.drive)}</a>`, "name"],
-    [t("page.address"), (one) => one.address, "right"],
-    [t("page.presence"), (one) => html`<${Presence} station=${one} />`],
-    [t("page.refresh"), (one) => (one.refresh_s == null ? NO_VALUE : milliseconds(one.refresh_s)), "right"],
-    [t("page.reply_time"), (one) => html`<${ReplyBar} station=${one} slowest=${slowest} />`],
-    [t("page.bus_load"), (one) => (one.load_percent == null
-      ? NO_VALUE : `${one.load_percent.toFixed(1)} %`), "right"],
-    [t("page.bus_error_rate"), (one) => percent(one.error_rate), "right"],
-    [t("page.bus_errors"), (one) => classes(one.errors, "error") || NO_VALUE],
-    [t("page.bus_counters"), (one) => classes(one.counters, "counter") || NO_VALUE],
+    [t("page.drive"), (station) => html`<a href=${href("drive", station.drive)}>${driveTitle(station.drive)}</a>`, "name"],
+    [t("page.address"), (station) => station.address, "right"],
+    [t("page.presence"), (station) => html`<${Presence} station=${station} />`],
+    [t("page.refresh"), (station) => (station.refresh_s == null ? NO_VALUE : milliseconds(station.refresh_s)), "right"],
+    [t("page.reply_time"), (station) => html`<${ReplyBar} station=${station} slowest=${slowest} />`],
+    [t("page.bus_load"), (station) => (station.load_percent == null
+      ? NO_VALUE : `${station.load_percent.toFixed(1)} %`), "right"],
+    [t("page.bus_error_rate"), (station) => percent(station.error_rate), "right"],
+    [t("page.bus_errors"), (station) => classes(station.errors, "error") || NO_VALUE],
+    [t("page.bus_counters"), (station) => classes(station.counters, "counter") || NO_VALUE],
   ];
   return html`<div class="wide-table"><${Table} stacks caption=${t("page.stations")} columns=${columns} rows=${stations}
-    keyOf=${(one) => one.address} /></div>`;
+    keyOf=${(station) => station.address} /></div>`;
 }
 
 function Presence({ station }) {

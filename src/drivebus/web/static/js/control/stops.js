@@ -52,11 +52,11 @@ export const shownStops = () => stops.value.filter((entry, n) => n === 0 || !isS
 export const openStops = () => stops.value.filter((entry) => entry.phase !== "done" || !entry.good);
 
 export function dismissStop(id) {
-  stops.value = stops.peek().filter((one, n) => one.id !== id && (n === 0 || !isSettled(one)));
+  stops.value = stops.peek().filter((entry, n) => entry.id !== id && (n === 0 || !isSettled(entry)));
 }
 
 function change(id, fields) {
-  stops.value = stops.peek().map((one) => (one.id === id ? { ...one, ...fields } : one));
+  stops.value = stops.peek().map((entry) => (entry.id === id ? { ...entry, ...fields } : entry));
 }
 
 /** Stop a drive ("drive", id), a group ("group", id) or everything ("all"). `how` of a drive: "stop", "coast" or
@@ -65,9 +65,9 @@ export async function stop(kind, id = null, how = "stop", { assume_model = false
   const entryId = ++count;
   const target = { kind, id, title: id === null ? undefined : viewOf({ kind, id }).peek()?.title };
   const entry = { id: entryId, target, how, phase: "sending", good: null, text: null, time_ms: serviceNow() };
-  const replaced = stops.peek().filter((one) => covers(entry.target, one.target));
+  const replaced = stops.peek().filter((older) => covers(entry.target, older.target));
   setTimeout(() => replaced.forEach(({ id: replacedId }) => underWay.get(replacedId)?.abort()), REPLACED_STOP_MS);
-  stops.value = [entry, ...stops.peek().filter((one) => !isSettled(one) && !replaced.includes(one))];
+  stops.value = [entry, ...stops.peek().filter((older) => !isSettled(older) && !replaced.includes(older))];
   const body = kind === "drive" ? { how, ...(assume_model ? { assume_model } : {}) } : {};
   const request = new AbortController();
   underWay.set(entryId, request);
@@ -92,7 +92,7 @@ function confirmedLater({ acknowledgedDrives = [] }) {
 
 // A drive that is confirmed is no longer named; a start of it afterwards does not make its stop unconfirmed again.
 effect(() => {
-  for (const entry of stops.value.filter((one) => one.phase === "done" && one.unconfirmed?.length > 0)) {
+  for (const entry of stops.value.filter(({ phase, unconfirmed }) => phase === "done" && unconfirmed?.length > 0)) {
     const left = entry.unconfirmed.filter((id) => !isConfirmedSince(id, entry));
     if (left.length === 0) change(entry.id, confirmedLater(entry));
     else if (left.length < entry.unconfirmed.length) change(entry.id, { unconfirmed: left });
@@ -147,7 +147,7 @@ const acknowledgedBy = (ids) => ({ acknowledged: true, text: () => t("page.stop_
 
 /** Drives of a bus whose stop failed as a whole; the bus itself where the page knows none. */
 function drivesOfBus(id) {
-  const drives = idsOf("drives").peek().filter((one) => drive(one).peek()?.bus === id);
+  const drives = idsOf("drives").peek().filter((driveId) => drive(driveId).peek()?.bus === id);
   return drives.length > 0 ? drives : [id];
 }
 
@@ -161,17 +161,17 @@ export function evaluateStop(answer, target) {
     return { phase: "done", good: found !== "unconfirmed", acknowledged: found === "acknowledged", unconfirmed, text };
   }
   const drives = { confirmed: new Set(), acknowledged: new Set(), unconfirmed: new Set() };
-  for (const [id, one] of Object.entries(answer.outcomes ?? {})) drives[classOf(one)].add(id);
+  for (const [id, outcome] of Object.entries(answer.outcomes ?? {})) drives[classOf(outcome)].add(id);
   for (const [id, bus] of Object.entries(answer.buses ?? {})) {
-    for (const one of bus.unconfirmed ?? []) drives.unconfirmed.add(one);
+    for (const driveId of bus.unconfirmed ?? []) drives.unconfirmed.add(driveId);
     if (!bus.confirmed && !bus.unconfirmed?.length && !bus.acknowledged?.length) {
-      for (const one of drivesOfBus(id)) drives.unconfirmed.add(one);
+      for (const driveId of drivesOfBus(id)) drives.unconfirmed.add(driveId);
     }
   }
   const unconfirmed = [...drives.unconfirmed];
   const acknowledgedDrives = [...drives.acknowledged].filter((id) => !drives.unconfirmed.has(id));
   if (unconfirmed.length > 0) {
-    const withheld = Object.entries(answer.outcomes ?? {}).filter(([, one]) => isWithheld(one)).map(([id]) => id);
+    const withheld = Object.entries(answer.outcomes ?? {}).filter(([, outcome]) => isWithheld(outcome)).map(([id]) => id);
     const text = (left = unconfirmed) => t("page.stop_unconfirmed", countAndNames(left));
     return { phase: "done", good: false, acknowledged: false, unconfirmed, acknowledgedDrives, withheld, text };
   }

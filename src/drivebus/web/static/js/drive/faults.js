@@ -10,7 +10,7 @@ const PAST_FAULT_COUNT = 50;
 const LABEL_SEPARATOR = " + "; // between the labels of several faults at once
 
 /** Whether the text of a fault has its label, or that of several faults each of theirs. */
-export const namesLabel = ({ label, text }) => label.split(LABEL_SEPARATOR).every((one) => localized(text).includes(one));
+export const namesLabel = ({ label, text }) => label.split(LABEL_SEPARATOR).every((part) => localized(text).includes(part));
 
 /** Text of a fault, preceded by the keypad's label where the text does not contain it. */
 export function faultText({ label, text }) {
@@ -22,7 +22,7 @@ export function faultText({ label, text }) {
 export function namesFault(sentence, { label, text }) {
   const labels = label ? label.split(LABEL_SEPARATOR) : [];
   const meaning = labels.length ? localized(text).split(labels.at(-1)).pop().trim() : localized(text);
-  return labels.every((one) => sentence.includes(one)) && sentence.includes(meaning);
+  return labels.every((part) => sentence.includes(part)) && sentence.includes(meaning);
 }
 
 /** Cause and remedy of a fault as `[name, text]`, where the model's manual has them. */
@@ -31,13 +31,13 @@ export const adviceOf = (fault) => [[t("page.cause"), fault?.cause], [t("page.re
 
 function PastFaults({ id }) {
   const [found, error] = useLoaded(() => api.get("/history/events", { drive: id, limit: 1000 }), [id]);
-  const faults = (found?.items ?? []).filter((one) => one.kind === "fault")
+  const faults = (found?.items ?? []).filter((event) => event.kind === "fault")
     .sort((a, b) => b.time_ms - a.time_ms).slice(0, PAST_FAULT_COUNT);
   return html`<h3>${t("page.past_faults")}</h3><${ErrorNote} error=${error} />
-    <${Table} caption=${t("page.past_faults")} rows=${faults} keyOf=${(one) => one.id} empty=${t("page.no_faults")}
+    <${Table} caption=${t("page.past_faults")} rows=${faults} keyOf=${(event) => event.id} empty=${t("page.no_faults")}
       columns=${[
-      [t("page.time"), (one) => moment(one.time_ms), "time"],
-      [t("page.fault"), (one) => localized(one.text), "wide"],
+      [t("page.time"), (event) => moment(event.time_ms), "time"],
+      [t("page.fault"), (event) => localized(event.text), "wide"],
     ]} />`;
 }
 
@@ -47,7 +47,7 @@ export function FaultsTab({ view, profile }) {
 }
 
 const searchedText = ({ code, label, text, cause, remedy }) => (
-  [code, label, ...[text, cause, remedy].flatMap((one) => Object.values(one ?? {}))].join(" "));
+  [code, label, ...[text, cause, remedy].flatMap((localizedText) => Object.values(localizedText ?? {}))].join(" "));
 
 /** Fault codes of a model; that of the present fault of `view`, where one is given, is marked. */
 export function KnownFaults({ view, profile }) {
@@ -55,10 +55,10 @@ export function KnownFaults({ view, profile }) {
   const rows = useMemo(() => profile.faults.filter((fault) => hasWords(searchedText(fault), search)), [profile, search]);
   if (profile.faults.length === 0) return html`<p>${t("page.no_fault_table")}</p>`;
   return html`<div class="stack"><${SearchField} value=${search} onChange=${setSearch} />
-    <${Table} stacks caption=${t("page.all_faults")} rows=${rows} keyOf=${(one) => one.code}
-      rowClass=${(one) => (view?.fault?.code === one.code ? "changed" : undefined)} columns=${[
-        [t("page.code"), (one) => one.code, "right"], [t("page.label"), (one) => html`<b>${one.label || NO_VALUE}</b>`],
-        [t("page.fault"), (one) => localized(one.text), "wide"], [t("page.cause"), (one) => localized(one.cause) || NO_VALUE, "wide"],
-        [t("page.remedy"), (one) => localized(one.remedy) || NO_VALUE, "wide"],
+    <${Table} stacks caption=${t("page.all_faults")} rows=${rows} keyOf=${(fault) => fault.code}
+      rowClass=${(fault) => (view?.fault?.code === fault.code ? "changed" : undefined)} columns=${[
+        [t("page.code"), (fault) => fault.code, "right"], [t("page.label"), (fault) => html`<b>${fault.label || NO_VALUE}</b>`],
+        [t("page.fault"), (fault) => localized(fault.text), "wide"], [t("page.cause"), (fault) => localized(fault.cause) || NO_VALUE, "wide"],
+        [t("page.remedy"), (fault) => localized(fault.remedy) || NO_VALUE, "wide"],
       ]} /></div>`;
 }

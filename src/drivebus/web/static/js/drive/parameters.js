@@ -67,7 +67,7 @@ function allowedValue(parameter, text) {
 }
 
 function ParameterDetails({ parameter, caveats }) {
-  const caveat = caveats.find((one) => one.id === parameter.caveat);
+  const caveat = caveats.find(({ id }) => id === parameter.caveat);
   const help = localized(parameter.help);
   return html`<span class="paramtext">${withWholeNumbers(localized(parameter.text))}</span>
     ${(help || caveat || parameter.evidence.source) && html`<details class="more"><summary>${caveat ? html`<${Icon}
@@ -80,23 +80,23 @@ function ParameterDetails({ parameter, caveats }) {
 function columns({ profile, values, edits, edit, read, canRead, canEdit }) {
   const found = (parameter) => values[parameter.notation];
   const shown = [
-    [t("page.notation"), (one) => html`<code>${one.notation}</code>`, "key"],
-    [t("page.wire_address"), (one) => html`<code>${one.address_hex}</code>`],
-    [t("page.parameter"), (one) => html`<${ParameterDetails} parameter=${one} caveats=${profile.caveats} />`, "wide"],
-    [t("page.raw"), (one) => found(one)?.raw ?? NO_VALUE, "right"],
-    [t("page.value"), (one) => html`<${Cell} parameter=${one} found=${found(one)} />`],
-    [t("page.unit"), (one) => one.unit],
-    [t("page.range"), (one) => html`<${Range} parameter=${one} />`, "right"],
-    [t("page.factory"), (one) => (one.factory === null ? NO_VALUE : valueText(one, one.factory)), "right"],
+    [t("page.notation"), (parameter) => html`<code>${parameter.notation}</code>`, "key"],
+    [t("page.wire_address"), (parameter) => html`<code>${parameter.address_hex}</code>`],
+    [t("page.parameter"), (parameter) => html`<${ParameterDetails} parameter=${parameter} caveats=${profile.caveats} />`, "wide"],
+    [t("page.raw"), (parameter) => found(parameter)?.raw ?? NO_VALUE, "right"],
+    [t("page.value"), (parameter) => html`<${Cell} parameter=${parameter} found=${found(parameter)} />`],
+    [t("page.unit"), (parameter) => parameter.unit],
+    [t("page.range"), (parameter) => html`<${Range} parameter=${parameter} />`, "right"],
+    [t("page.factory"), (parameter) => (parameter.factory === null ? NO_VALUE : valueText(parameter, parameter.factory)), "right"],
   ];
   if (canRead) {
-    shown.push([t("page.read"), (one) => one.readable !== false && html`<${Button} kind="quiet"
-      onClick=${() => read([one.notation])}
-      aria-label=${t("page.read_one", { notation: one.notation })}>${t("page.read")}<//>`, "corner"]);
+    shown.push([t("page.read"), (parameter) => parameter.readable !== false && html`<${Button} kind="quiet"
+      onClick=${() => read([parameter.notation])}
+      aria-label=${t("page.read_one", { notation: parameter.notation })}>${t("page.read")}<//>`, "corner"]);
   }
   if (canEdit) {
-    shown.push([t("page.change_to"), (one) => one.writable && html`<${Edit} parameter=${one}
-      value=${edits[one.notation] ?? ""} onChange=${(text) => edit(one.notation, text)} />`, "pinned"]);
+    shown.push([t("page.change_to"), (parameter) => parameter.writable && html`<${Edit} parameter=${parameter}
+      value=${edits[parameter.notation] ?? ""} onChange=${(text) => edit(parameter.notation, text)} />`, "pinned"]);
   }
   return shown;
 }
@@ -110,7 +110,7 @@ export function ParametersTab({ view, profile }) {
   const [reviewing, setReviewing] = useState(false);
   const { values, left, error, read, stop } = useReadings(view.id);
   const rows = useMemo(() => matching(profile, search), [profile, search]);
-  const byName = useMemo(() => new Map(profile.parameters.map((one) => [one.notation, one])), [profile]);
+  const byName = useMemo(() => new Map(profile.parameters.map((parameter) => [parameter.notation, parameter])), [profile]);
   const canRead = isLive.value && may("operate") && view.presence === "online";
   const canEdit = canRead && may("write_parameters") && hasControl(view);
   const edit = (notation, text) => setEdits((old) => {
@@ -121,7 +121,7 @@ export function ParametersTab({ view, profile }) {
     const parameter = byName.get(notation);
     return { parameter, text, value: allowedValue(parameter, text), before: values[notation] ?? null };
   });
-  const names = rows.filter((one) => one.readable !== false).map((one) => one.notation);
+  const names = rows.filter((parameter) => parameter.readable !== false).map((parameter) => parameter.notation);
   return html`<div class="stack"><div class="row"><${SearchField} value=${search} onChange=${setSearch} />
       ${left > 0 ? html`<${Button} onClick=${stop}>${t("page.read_stop", { n: left })}<//>`
         : html`<${Button} disabled=${!canRead || names.length === 0} onClick=${() => read(names)} data-do="read">
@@ -130,22 +130,22 @@ export function ParametersTab({ view, profile }) {
         data-do="review">
         ${t("page.review", { n: changes.length })}<//>`}</div>
     ${!canEdit && may("write_parameters") && html`<p class="soft">${t("page.edit_needs_control")}</p>`}<${ErrorNote} error=${error} />
-    <${Table} stacks caption=${t("page.tab_parameters")} rows=${rows} keyOf=${(one) => one.notation}
-      rowClass=${(one) => (one.notation in edits ? "changed" : undefined)}
+    <${Table} stacks caption=${t("page.tab_parameters")} rows=${rows} keyOf=${(parameter) => parameter.notation}
+      rowClass=${(parameter) => (parameter.notation in edits ? "changed" : undefined)}
         columns=${columns({ profile, values, edits, edit, read, canRead, canEdit })} />
     ${reviewing && html`<${Review} view=${view} profile=${profile} changes=${changes}
       onClose=${() => setReviewing(false)}
-      onDone=${(done) => { for (const one of done) edit(one, ""); read(done); }} />`}</div>`;
+      onDone=${(done) => { for (const notation of done) edit(notation, ""); read(done); }} />`}</div>`;
 }
 
 /** Parameters of a model that the plant may not have: nothing is read. */
 export function ModelParameters({ profile }) {
-  return html`<${Table} stacks caption=${t("page.tab_parameters")} rows=${profile.parameters} keyOf=${(one) => one.notation}
+  return html`<${Table} stacks caption=${t("page.tab_parameters")} rows=${profile.parameters} keyOf=${(parameter) => parameter.notation}
     columns=${[
-      [t("page.notation"), (one) => html`<code>${one.notation}</code>`],
-      [t("page.parameter"), (one) => localized(one.text), "wide"],
-      [t("page.range"), (one) => html`<${Range} parameter=${one} />`],
-      [t("page.factory"), (one) => (one.factory === null ? NO_VALUE : valueText(one, one.factory, null))],
-      [t("page.unit"), (one) => one.unit],
+      [t("page.notation"), (parameter) => html`<code>${parameter.notation}</code>`],
+      [t("page.parameter"), (parameter) => localized(parameter.text), "wide"],
+      [t("page.range"), (parameter) => html`<${Range} parameter=${parameter} />`],
+      [t("page.factory"), (parameter) => (parameter.factory === null ? NO_VALUE : valueText(parameter, parameter.factory, null))],
+      [t("page.unit"), (parameter) => parameter.unit],
     ]} />`;
 }

@@ -57,21 +57,21 @@ export function ProfileTab({ view, profile }) {
 
 export function ModelProfile({ profile, children }) {
   return html`<div class="stack"><${Facts} profile=${profile} />${children}
-    ${profile.caveats.length > 0 && html`<h3>${t("page.caveats")}</h3>${profile.caveats.map((one) => html`
-      <${Notice} key=${one.id} kind="warning"><p>${localized(one.text)}</p>
-      <${EvidenceNote} evidence=${one.evidence} /><//>`)}`}
+    ${profile.caveats.length > 0 && html`<h3>${t("page.caveats")}</h3>${profile.caveats.map((caveat) => html`
+      <${Notice} key=${caveat.id} kind="warning"><p>${localized(caveat.text)}</p>
+      <${EvidenceNote} evidence=${caveat.evidence} /><//>`)}`}
     ${profile.keypad.length > 0 && html`<h3>${t("page.keypad")}</h3><ol>${profile.keypad.map((text, n) => html`<li
       key=${n}>${localized(text)}</li>`)}</ol>`}
     ${profile.wiring && html`<h3>${t("page.wiring")}</h3><p>${localized(profile.wiring)}</p>`}
     ${profile.open_questions.length > 0 && html`<h3>${t("page.open_questions")}</h3>
-      ${profile.open_questions.map((one) => html`
-      <${Notice} key=${one.name} title=${localized(one.text)}><p>${localized(one.reason)}</p><p>${localized(one.procedure)}</p>
+      ${profile.open_questions.map((question) => html`
+      <${Notice} key=${question.name} title=${localized(question.text)}><p>${localized(question.reason)}</p><p>${localized(question.procedure)}</p>
         <//>`)}`}
     <h3>${t("page.signals")}</h3><${Table} stacks caption=${t("page.signals")} rows=${profile.signals}
-      keyOf=${(one) => one.name} columns=${[
-      [t("page.signal"), (one) => localized(one.text) || one.name, "wide"], [t("page.notation"), (one) => html`<code>
-        ${one.notation}</code>`],
-      [t("page.wire_address"), (one) => html`<code>${one.address_hex}</code>`], [t("page.unit"), (one) => one.unit],
-      [t("page.period"), (one) => `${one.period_s} s`, "right"],
+      keyOf=${(signal) => signal.name} columns=${[
+      [t("page.signal"), (signal) => localized(signal.text) || signal.name, "wide"], [t("page.notation"), (signal) => html`<code>
+        ${signal.notation}</code>`],
+      [t("page.wire_address"), (signal) => html`<code>${signal.address_hex}</code>`], [t("page.unit"), (signal) => signal.unit],
+      [t("page.period"), (signal) => `${signal.period_s} s`, "right"],
     ]} /></div>`;
 }

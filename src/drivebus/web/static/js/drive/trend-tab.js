@@ -11,14 +11,14 @@ const DEFAULT_SIGNAL_COUNT = 3;
 
 async function tagsOf(id) {
   const { tags } = await api.get("/history/tags");
-  return tags.filter((one) => one.drive === id).sort((a, b) => signalRank(a.signal) - signalRank(b.signal));
+  return tags.filter((tag) => tag.drive === id).sort((a, b) => signalRank(a.signal) - signalRank(b.signal));
 }
 
 function Pick({ tags, chosen, onChange }) {
   return html`<details><summary>${t("page.signals_chosen", { n: `${chosen.length}/${tags.length}` })}</summary>
-    <fieldset class="row trendpick"><legend class="sr">${t("page.signals")}</legend>${tags.map((one) => html`
-      <label class="check" key=${one.tag}><input type="checkbox" checked=${chosen.includes(one.tag)}
-        onChange=${() => onChange(toggled(chosen, one.tag))} />${signalName(one.signal)}</label>`)}</fieldset></details>`;
+    <fieldset class="row trendpick"><legend class="sr">${t("page.signals")}</legend>${tags.map((tag) => html`
+      <label class="check" key=${tag.tag}><input type="checkbox" checked=${chosen.includes(tag.tag)}
+        onChange=${() => onChange(toggled(chosen, tag.tag))} />${signalName(tag.signal)}</label>`)}</fieldset></details>`;
 }
 
 export function TrendTab({ view }) {
@@ -35,9 +35,9 @@ export function TrendTab({ view }) {
   if (error && !tags) return html`<${ErrorNote} error=${error} />`;
   if (!part.Trend || !tags) return html`<${Loading} />`;
   if (tags.length === 0) return html`<p class="loading">${t("page.no_history")}</p>`;
-  const chosen = picked ?? firstLines(tags).slice(0, DEFAULT_SIGNAL_COUNT).map((one) => one.tag);
-  const lines = tags.map((one, hue) => ({
-    tag: one.tag, drive: view.id, label: signalName(one.signal), unit: one.unit, hue: hue % HUES,
+  const chosen = picked ?? firstLines(tags).slice(0, DEFAULT_SIGNAL_COUNT).map((tag) => tag.tag);
+  const lines = tags.map((tag, hue) => ({
+    tag: tag.tag, drive: view.id, label: signalName(tag.signal), unit: tag.unit, hue: hue % HUES,
   })).filter((line) => chosen.includes(line.tag));
   return html`<${Pick} tags=${tags} chosen=${chosen} onChange=${setPicked} />
     ${lines.length === 0 ? html`<${Notice}>${t("page.pick_signals")}<//>` : html`<${part.Trend} lines=${lines} />`}`;

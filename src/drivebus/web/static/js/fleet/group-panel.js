@@ -26,11 +26,11 @@ const Merged = ({ ids, names, text, isNamed }) => html`<li title=${ids.map(drive
 /** Outcome of each drive of a group; equal ones are one. */
 function Outcomes({ outcomes }) {
   const entries = Object.entries(outcomes);
-  const ended = mergeSentences(entries.filter(([, one]) => one.status).map(([id, one]) => ({
-    id, key: one.status + localized(one.text), text: one.text }))).map((one) => ({
-    ...one, text: t(`page.outcome_${outcomes[one.ids[0]].status}`) + t("page.colon") + one.text }));
-  const refused = mergeSentences(entries.filter(([, one]) => one.code).map(([id, one]) => ({ ...one, id, key: one.code })));
-  return html`<${Notice} live><ul>${[...ended, ...refused].map((one) => html`<${Merged} key=${one.ids[0]} ...${one} />`)}
+  const ended = mergeSentences(entries.filter(([, outcome]) => outcome.status).map(([id, outcome]) => ({
+    id, key: outcome.status + localized(outcome.text), text: outcome.text }))).map((merged) => ({
+    ...merged, text: t(`page.outcome_${outcomes[merged.ids[0]].status}`) + t("page.colon") + merged.text }));
+  const refused = mergeSentences(entries.filter(([, outcome]) => outcome.code).map(([id, outcome]) => ({ ...outcome, id, key: outcome.code })));
+  return html`<${Notice} live><ul>${[...ended, ...refused].map((merged) => html`<${Merged} key=${merged.ids[0]} ...${merged} />`)}
     </ul><//>`;
 }
 
@@ -45,7 +45,7 @@ function ActionForAll({ views, act, text, ...rest }) {
 
 /** Reasons against a start of the group now. A member must report no fault, and a leader's follower must be online. */
 function blockersOf({ start_blockers, id, presence, state }, { id: group, leader }) {
-  const blockers = start_blockers.map((one) => ({ ...one, id }));
+  const blockers = start_blockers.map((blocker) => ({ ...blocker, id }));
   if (state === "fault") {
     const params = { drive: driveTitle(id), group: groupTitle(group) };
     blockers.push({ id, key: "plant.member_fault", params, text: t("plant.member_fault", params) });
@@ -58,8 +58,8 @@ function blockersOf({ start_blockers, id, presence, state }, { id: group, leader
 function Blocked({ blockers, total }) {
   if (blockers.length === 0) return null;
   const merged = mergeSentences(blockers, total);
-  return html`<${Notice} kind="warning" title=${t("page.group_blocked")}><ul>${merged.map((one) => html`
-    <${Merged} key=${one.text} ...${one} />`)}</ul><//>`;
+  return html`<${Notice} kind="warning" title=${t("page.group_blocked")}><ul>${merged.map((reason) => html`
+    <${Merged} key=${reason.text} ...${reason} />`)}</ul><//>`;
 }
 
 /** Open requests of this session for drives of the group, which one press withdraws. */
@@ -82,7 +82,7 @@ function Controls({ id, views }) {
   const found = group(id).value;
   const off = !isLive.value || others > 0 || frequencyError(hertz, found) !== null;
   const blockers = views.flatMap((view) => blockersOf(view, found));
-  const blockedCount = new Set(blockers.map((one) => one.id)).size;
+  const blockedCount = new Set(blockers.map((blocker) => blocker.id)).size;
   const leader = views.find((view) => view.id === found.leader);
   // Without its leader's frequency no drive of a group gets one.
   const cannotSet = off || (leader ? refusesFrequency(leader) : views.every(refusesFrequency));

@@ -20,8 +20,8 @@ export function Page({ id }) {
   const chosen = id ?? ids[0];
   return html`<h1>${t("page.nav_buses")}</h1>
     ${ids.length === 0 && html`<p class="help">${t("page.nothing")}</p>`}
-    <div class=${`buscards ${id ? "one" : ""}`}>${ids.map((one) => html`
-      <${BusCard} key=${one} id=${one} chosen=${one === chosen} />`)}</div>
+    <div class=${`buscards ${id ? "one" : ""}`}>${ids.map((busId) => html`
+      <${BusCard} key=${busId} id=${busId} chosen=${busId === chosen} />`)}</div>
     <p class="allbuses"><a href=${href("buses")}>← ${t("page.all_buses")}</a></p>
     ${chosen && html`<${BusDetails} key=${chosen} id=${chosen} />`}`;
 }
@@ -77,12 +77,12 @@ function BusDetails({ id }) {
 
 /** Notice where the bus polls its drives less often than they ask for, with what would shorten the interval. */
 function SlowPolling({ view }) {
-  const drives = view.stations.map((one) => drive(one.drive).value).filter((one) => one && slowInterval(one) !== null);
+  const drives = view.stations.map((station) => drive(station.drive).value).filter((found) => found && slowInterval(found) !== null);
   if (drives.length === 0) return null;
   const params = {
     n: view.stations.length, slowed: drives.length, serial: view.serial ?? "",
     interval: duration(Math.max(...drives.map(slowInterval))),
-    requested: duration(Math.min(...drives.map((one) => one.requested_interval_s))),
+    requested: duration(Math.min(...drives.map(({ requested_interval_s }) => requested_interval_s))),
   };
   return html`<${Notice} kind="info" title=${t("page.bus_polls_slowly", params)}>${t("page.bus_polls_slowly_why", params)}<//>`;
 }

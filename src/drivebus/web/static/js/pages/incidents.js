@@ -91,14 +91,14 @@ function Notes({ found }) {
 /** States of the drive, in seconds before the trip. */
 function States({ found }) {
   const columns = [
-    [t("page.before_trip"), (one) => `${one.t.toFixed(2)} s`, "right"],
-    [t("page.state"), (one) => t(`drives.state_${one.state}`)],
-    [t("page.fault"), (one) => (one.fault ? one.fault.label || localized(one.fault.text) : NO_VALUE)],
-    [t("page.commanded_column"), (one) => quantity(one.commanded_hz, "Hz"), "right"],
-    [t("page.presence"), (one) => t(`page.presence_${one.presence}`)],
+    [t("page.before_trip"), (state) => `${state.t.toFixed(2)} s`, "right"],
+    [t("page.state"), (state) => t(`drives.state_${state.state}`)],
+    [t("page.fault"), (state) => (state.fault ? state.fault.label || localized(state.fault.text) : NO_VALUE)],
+    [t("page.commanded_column"), (state) => quantity(state.commanded_hz, "Hz"), "right"],
+    [t("page.presence"), (state) => t(`page.presence_${state.presence}`)],
   ];
   return html`<${Table} stacks caption=${t("page.incident_states")} columns=${columns} rows=${found.states ?? []}
-    keyOf=${(one) => one.t} />`;
+    keyOf=${(state) => state.t} />`;
 }
 
 /** Samples of the incident as a trend. */
@@ -119,10 +119,10 @@ function Parameters({ parameters, isReading }) {
   const rows = Object.entries(parameters);
   const columns = [
     [t("page.notation"), ([name]) => html`<code>${name}</code>`],
-    [t("page.parameter"), ([, one]) => withWholeNumbers(localized(one.text)), "wide"],
-    [t("page.wire_address"), ([, one]) => html`<code>${one.address_hex ?? ""}</code>`],
-    [t("page.value"), ([, one]) => valueOrReason(one), "right"],
-    [t("page.raw"), ([, one]) => one.raw ?? NO_VALUE, "right"],
+    [t("page.parameter"), ([, parameter]) => withWholeNumbers(localized(parameter.text)), "wide"],
+    [t("page.wire_address"), ([, parameter]) => html`<code>${parameter.address_hex ?? ""}</code>`],
+    [t("page.value"), ([, parameter]) => valueOrReason(parameter), "right"],
+    [t("page.raw"), ([, parameter]) => parameter.raw ?? NO_VALUE, "right"],
   ];
   return html`<${Table} stacks caption=${t("page.incident_parameters")} columns=${columns} rows=${rows}
     keyOf=${([name]) => name} />`;

@@ -21,14 +21,14 @@ export function ModelList() {
   return html`<section class="panel stack"><p class="soft">${t("page.models_help")}</p>
     <${SearchField} help=${t("page.models_found", { n: rows.length, total: found.models.length })} value=${search}
       onChange=${setSearch} />
-    <${Table} stacks caption=${t("page.models")} rows=${rows} keyOf=${(one) => one.model} empty=${t("page.models_none")}
+    <${Table} stacks caption=${t("page.models")} rows=${rows} keyOf=${(model) => model.model} empty=${t("page.models_none")}
       columns=${[
-        [t("page.maker"), (one) => localized(one.maker)],
-        [t("page.model"), (one) => html`<a href=${href("models", one.model)}>${localized(one.title)}</a>
-          <br /><code>${one.model}</code>`, "wide"],
-        [t("page.grade"), (one) => t(`page.grade_${one.grade}`)],
-        [t("page.encodings"), (one) => one.encodings.join(t("language.between_items"))],
-        [t("page.serial_default"), (one) => `${one.serial.baud} ${one.serial.format}`],
-        [t("page.can_not"), (one) => lacks(one).map((name) => t(`page.can_${name}`)).join(t("language.between_items")) || NO_VALUE],
+        [t("page.maker"), (model) => localized(model.maker)],
+        [t("page.model"), (model) => html`<a href=${href("models", model.model)}>${localized(model.title)}</a>
+          <br /><code>${model.model}</code>`, "wide"],
+        [t("page.grade"), (model) => t(`page.grade_${model.grade}`)],
+        [t("page.encodings"), (model) => model.encodings.join(t("language.between_items"))],
+        [t("page.serial_default"), (model) => `${model.serial.baud} ${model.serial.format}`],
+        [t("page.can_not"), (model) => lacks(model).map((name) => t(`page.can_${name}`)).join(t("language.between_items")) || NO_VALUE],
       ]} /></section>`;
 }
