@@ -53,7 +53,7 @@ export const FormEnd = ({ error, onClose, submit, ...rest }) => html`<${ErrorNot
   <${Button} onClick=${onClose}>${t("page.cancel")}<//><button type="submit" class="button main" ...${rest}>${submit}</button></div>`;
 
 /** The list without an item that it has, else with it. */
-export const toggled = (list, item) => (list.includes(item) ? list.filter((one) => one !== item) : [...list, item]);
+export const toggled = (list, item) => (list.includes(item) ? list.filter((other) => other !== item) : [...list, item]);
 
 /** Buttons of which one is chosen: `options` is [[value, text], …]. */
 export function Choice({ label, value, options, onChange, disabled = false }) {

@@ -26,7 +26,7 @@ export function ShelveDialog({ alarms, onClose }) {
       : "page.shelve_how")}</p>
     <form class="stack" onSubmit=${send}>
       <${Choice} label=${t("page.shelve_for")} value=${minutes} onChange=${setMinutes}
-        options=${MINUTES.map((one) => [one, t(`page.minutes_${one}`)])} />
+        options=${MINUTES.map((choice) => [choice, t(`page.minutes_${choice}`)])} />
       <${ReasonField} label=${t("page.reason")} help=${t("page.reason_help")} value=${reason} onChange=${setReason} data-first />
       <${FormEnd} error=${error} onClose=${onClose} submit=${t("page.shelve")} disabled=${busy || !isLongEnough(reason)} />
     </form><//>`;

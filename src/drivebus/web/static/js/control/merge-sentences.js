@@ -14,10 +14,10 @@ const MERGED_PARAMETERS = [...DRIVE_PARAMETERS, ...MEASURED_PARAMETERS];
  * and `isNamed` says that the text has the names of the drives. Of `total` drives all have no names but their number. */
 export function mergeSentences(items, total = null) {
   const groups = new Map();
-  for (const one of items) {
-    const others = Object.entries(one.params ?? {}).filter(([name]) => !MERGED_PARAMETERS.includes(name));
-    const alike = JSON.stringify([one.key, others]);
-    groups.set(alike, [...(groups.get(alike) ?? []), one]);
+  for (const item of items) {
+    const others = Object.entries(item.params ?? {}).filter(([name]) => !MERGED_PARAMETERS.includes(name));
+    const alike = JSON.stringify([item.key, others]);
+    groups.set(alike, [...(groups.get(alike) ?? []), item]);
   }
   return [...groups.values()].map((alike) => {
     const ids = [...new Set(alike.map(({ id }) => id))];

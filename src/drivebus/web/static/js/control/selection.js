@@ -17,11 +17,11 @@ const MAX_DRIVES_WITHOUT_CHOOSE_ALL = 3;
 /** Result of each drive of {id: {status} or an error}: the refusals merged, and the drives that were done. */
 function SelectionResults({ outcomes }) {
   const entries = Object.entries(outcomes);
-  const done = entries.filter(([, one]) => one.status === "done").map(([id]) => id);
-  const refused = mergeSentences(entries.filter(([, one]) => one.code).map(([id, one]) => ({ ...one, id, key: one.code })));
+  const done = entries.filter(([, outcome]) => outcome.status === "done").map(([id]) => id);
+  const refused = mergeSentences(entries.filter(([, outcome]) => outcome.code).map(([id, outcome]) => ({ ...outcome, id, key: outcome.code })));
   return html`<${Notice} live kind=${refused.length ? "warning" : undefined}><ul>
     ${done.length > 0 && html`<li>${t("page.selection_done", { names: listDrives(done) })}</li>`}
-    ${refused.map((one) => html`<li key=${one.ids[0]}>${one.text}</li>`)}
+    ${refused.map((merged) => html`<li key=${merged.ids[0]}>${merged.text}</li>`)}
     ${done.length + refused.length === 0 && html`<li>${t("page.selection_unchanged")}</li>`}</ul><//>`;
 }
 

@@ -18,11 +18,11 @@ function takeoverKey({ cause, time_ms }) {
  * before its text, so that screen readers announce it. */
 export function TakeoverNotices() {
   return html`<div class="takeovers" role="status">${groupTakeovers(takeovers.value).map((equal) => {
-    const [one] = equal;
+    const [takeover] = equal;
     const ids = [...new Set(equal.map((other) => other.drive))];
-    const params = { owner: one.owner, name: listDrives(ids), time: clock(equal.at(-1).time_ms) };
-    return html`<div class="banner high" key=${`${one.drive} ${one.time_ms}`}><${Icon} name="warning" />
-      <a href=${ids.length > 1 ? href("fleet") : href("drive", one.drive)}>${t(takeoverKey(one), params)}</a>
+    const params = { owner: takeover.owner, name: listDrives(ids), time: clock(equal.at(-1).time_ms) };
+    return html`<div class="banner high" key=${`${takeover.drive} ${takeover.time_ms}`}><${Icon} name="warning" />
+      <a href=${ids.length > 1 ? href("fleet") : href("drive", takeover.drive)}>${t(takeoverKey(takeover), params)}</a>
       <${Button} onClick=${() => dismiss(equal)} data-do="read">${t("page.taken_read")}<//></div>`;
   })}</div>`;
 }

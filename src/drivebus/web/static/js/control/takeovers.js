@@ -30,14 +30,14 @@ function storeTakeovers(items) {
   savePreference("takeovers", { session: ownSession(), items: takeovers.value });
 }
 
-export const dismiss = (some) => storeTakeovers(takeovers.peek().filter((one) => !some.includes(one)));
+export const dismiss = (some) => storeTakeovers(takeovers.peek().filter((takeover) => !some.includes(takeover)));
 
 /** Lists of takeovers for one sentence each: by the same user, for the same cause. */
 export function groupTakeovers(items) {
   const groups = new Map();
-  for (const one of items) {
-    const alike = JSON.stringify([one.owner, one.cause, one.time_ms === null]);
-    groups.set(alike, [...(groups.get(alike) ?? []), one]);
+  for (const takeover of items) {
+    const alike = JSON.stringify([takeover.owner, takeover.cause, takeover.time_ms === null]);
+    groups.set(alike, [...(groups.get(alike) ?? []), takeover]);
   }
   return [...groups.values()];
 }

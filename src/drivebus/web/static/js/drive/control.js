@@ -43,7 +43,7 @@ function Motion({ view, disabled }) {
   useEffect(() => { setOver(!turning); }, [turning]);
 
   const frequency_hz = numberOf(hertz);
-  const directions = view.directions.map((one) => [one, t(`drives.direction_${one}`)]);
+  const directions = view.directions.map((direction) => [direction, t(`drives.direction_${direction}`)]);
   const set = () => execute(() => api.post(drivePath(view.id, "/set-frequency"), { frequency_hz }));
   const direction = reversible ? chosen : null;
   const begin = (arm_token) => api.post(drivePath(view.id, "/run"), { frequency_hz, direction, arm_token }, START_OPTIONS);
@@ -83,8 +83,8 @@ const HOLD_OPTIONS = { timeout_ms: 30_000 };
 
 /** A drive that follows the frequency of this one and turns: it would run on, so the service refuses a pause and a ramp hold. */
 function runningFollower({ id }) {
-  const led = idsOf("groups").value.map((name) => group(name).value).filter((one) => one?.leader === id);
-  return led.flatMap((one) => one.drives).find((name) => {
+  const led = idsOf("groups").value.map((name) => group(name).value).filter((ledGroup) => ledGroup?.leader === id);
+  return led.flatMap((ledGroup) => ledGroup.drives).find((name) => {
     const follower = name !== id && drive(name).value;
     return follower && follower.commanded_hz !== null && TURNING_STATES.includes(follower.state);
   });
@@ -121,7 +121,7 @@ function StartBlockers({ view }) {
   if (view.start_blockers.length === 0) return null;
   const needsWaiver = may("limit") && view.start_blockers.some(({ key }) => key.startsWith("plant.waiver_"));
   return html`<div id=${BLOCKERS_ID}><${Notice} kind="warning" title=${t("page.blocked")}><ul>${mergeSentences(view.start_blockers.map(
-    (one) => ({ ...one, id: view.id }))).map(({ text }) => html`<li key=${text}>${text}</li>`)}</ul><//></div>
+    (blocker) => ({ ...blocker, id: view.id }))).map(({ text }) => html`<li key=${text}>${text}</li>`)}</ul><//></div>
     ${needsWaiver && html`<div><${Button} onClick=${showSafety} data-do="show-safety">${t("page.safety")}…<//></div>`}`;
 }
 

@@ -76,14 +76,14 @@ let timer = null;
 async function fetchWaiting() {
   while (waiting.size > 0) {
     const some = [...waiting].slice(0, MAX_TAGS);
-    some.forEach((one) => waiting.delete(one));
-    const tags = await withHistory(some.map((one) => one.tag));
+    some.forEach((recent) => waiting.delete(recent));
+    const tags = await withHistory(some.map((recent) => recent.tag));
     if (tags.length === 0) continue;
     const to = serviceNow();
     const from = (pointNumber(to) - POINT_COUNT + 1) * POINT_MS;
     const query = { tags, from_ms: from, to_ms: to, points: POINT_COUNT + 1 };
     const answer = await api.get("/history/trend", query).catch(() => null);
-    for (const one of some) if (answer?.series?.[one.tag]) one.addHistory(answer.series[one.tag]);
+    for (const recent of some) if (answer?.series?.[recent.tag]) recent.addHistory(answer.series[recent.tag]);
   }
   timer = null;
 }

@@ -60,10 +60,10 @@ function usualStep(points) {
 }
 
 /** Whether the value was known all the time from one point to the next. */
-function isConnected(one, next, usual) {
-  if (one.endsBad || next.startsBad || !one.count || !next.count) return false;
-  const isDoubtful = one.q !== GOOD || next.q !== GOOD;
-  return next.n - one.n <= (isDoubtful ? usual : GAP_STEPS * usual);
+function isConnected(point, next, usual) {
+  if (point.endsBad || next.startsBad || !point.count || !next.count) return false;
+  const isDoubtful = point.q !== GOOD || next.q !== GOOD;
+  return next.n - point.n <= (isDoubtful ? usual : GAP_STEPS * usual);
 }
 
 /** Lowest and highest of the points up to `end`; null where no value is known. */

@@ -45,14 +45,14 @@ function CheckResult({ result }) {
       difference=${result.difference} /><${Notes} notes=${result.notes} /><//>`;
   }
   return html`<${Notice} kind="bad" live title=${t("page.configuration_bad", { n: diagnostics.length })}>
-    <ol class="diagnostics">${diagnostics.map((one, n) => html`<li key=${n}>
-      ${one.line != null && html`<b>${t("page.line_n", { n: one.line })}</b>${" "}`}<span>${withCommands(localized(one.text))}</span>
+    <ol class="diagnostics">${diagnostics.map((diagnostic, n) => html`<li key=${n}>
+      ${diagnostic.line != null && html`<b>${t("page.line_n", { n: diagnostic.line })}</b>${" "}`}<span>${withCommands(localized(diagnostic.text))}</span>
         </li>`)}</ol><//>`;
 }
 
 /** What a reload takes from its users: a gateway that moves or ends, such as this page. */
 function Notes({ notes }) {
-  return (notes ?? []).map((one, n) => html`<p key=${n}><b>${localized(one)}</b></p>`);
+  return (notes ?? []).map((note, n) => html`<p key=${n}><b>${localized(note)}</b></p>`);
 }
 
 function Difference({ difference }) {

@@ -11,10 +11,10 @@ export function OwnSessions() {
   const [ending, setEnding] = useState(null);
   if (!found) return error ? html`<${ErrorNote} error=${error} />` : html`<${Loading} />`;
   const columns = [
-    [t("page.network_address"), (one) => (one.current ? `${one.address} ${t("page.this_session")}` : one.address)],
-    [t("page.logged_in_since"), (one) => moment(one.opened_ms), "time"],
-    [t("page.last_active"), (one) => moment(one.active_ms), "time"],
-    [t("page.end_session"), (one) => html`<${Button} onClick=${() => setEnding(one)}>${t("page.end_session")}<//>`,
+    [t("page.network_address"), (session) => (session.current ? `${session.address} ${t("page.this_session")}` : session.address)],
+    [t("page.logged_in_since"), (session) => moment(session.opened_ms), "time"],
+    [t("page.last_active"), (session) => moment(session.active_ms), "time"],
+    [t("page.end_session"), (session) => html`<${Button} onClick=${() => setEnding(session)}>${t("page.end_session")}<//>`,
       "act"],
   ];
   const close = async (ended) => {
@@ -24,7 +24,7 @@ export function OwnSessions() {
   };
   return html`<section class="panel stack"><h2>${t("page.own_sessions")}</h2>
     <p class="help">${t("page.own_sessions_help")}</p>
-    <${Table} stacks caption=${t("page.own_sessions")} columns=${columns} rows=${found.sessions} keyOf=${(one) => one.id} />
+    <${Table} stacks caption=${t("page.own_sessions")} columns=${columns} rows=${found.sessions} keyOf=${(session) => session.id} />
     ${ending && html`<${EndSession} ending=${ending} onClose=${close} />`}</section>`;
 }
 
