@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from drivebus import i18n
+from drivebus import i18n, profiles
 from drivebus.cli import output
 from drivebus.cli.errors import ExitCode, error_hint
 from drivebus.cli.main import cli
-from drivebus.cli.scan_output import announce_scan, print_scan
+from drivebus.cli.scan_output import ScanProgressBar, announce_scan, print_scan
 from drivebus.cli.scanning import ScanRequest
 from drivebus.commissioning import scan
 from drivebus.errors import PortLost
@@ -114,3 +114,19 @@ def test_a_port_that_can_not_be_opened_is_not_listened_on(command: str) -> None:
     assert failed.exit_code == 1 and "does not exist" in failed.stderr and "Listening" not in failed.stderr
     words = ("scan", "sim://vc660@3", "--models", "vc660", "--addresses", "3", "--listen-seconds", "0.01")
     assert "Listening for 0.01 s" in CliRunner().invoke(cli, [*words, *lang]).stderr
+
+
+def test_a_drive_of_many_models_is_reported_during_the_scan_without_a_broken_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The names were joined by ``/`` alone, and the terminal broke ``optidrive_p2`` at its edge."""
+    shown: list[str] = []
+    monkeypatch.setattr(ScanProgressBar, "print_above", lambda bar, line: shown.append(line))
+    models = tuple(profiles.models()[:30])
+    drive = scan.DetectedDrive(
+        models=models, setpoint_steps_hz={}, family="modbus", encoding="rtu", address=3,
+        settings=SerialSettings.parse(9600, "8N1"), exchange=(b"", b""),
+    )  # fmt: skip
+    ScanProgressBar().on_progress(scan.ScanProgress(total_s=1.0, found=[drive]))
+    lines = output.wrap(shown[0], 79)
+    assert max(map(output.width, lines)) <= 79 and set(models) <= set(" ".join(lines).split())

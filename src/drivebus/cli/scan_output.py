@@ -44,7 +44,7 @@ class ScanProgressBar(ProgressBar):
 
 def _device_params(drive: DetectedDrive) -> dict[str, Any]:
     return {
-        "models": "/".join(drive.models) or output.text("scan.unknown"),
+        "models": " / ".join(drive.models) or output.text("scan.unknown"),
         "address": drive.address,
         "settings": str(drive.settings),
         "encoding": drive.encoding,
