@@ -71,3 +71,26 @@ def test_a_port_that_is_absent_at_the_start_is_one_alarm() -> None:
             assert AlarmKind.NO_RESPONSE not in {alarm.kind for alarm in kit.service.plant.alarms.active()}
 
     run(scenario())
+
+
+def test_a_shelved_alarm_of_a_lost_port_does_not_hide_drives_that_do_not_answer() -> None:
+    """The port was lost again while its alarm was shelved: no alarm counted that the drives did not answer."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(2)
+            plant = kit.service.plant
+            port = simulated_bus_of(plant.drives["fan-1"].bus.port)
+            port.unplug()
+            await asyncio.sleep(5)
+            (alarm,) = plant.alarms.active()
+            await kit.call("alarm.shelve", alarm=alarm.id, minutes=60, reason="adapter is exchanged")
+            port.replug()
+            await asyncio.sleep(30)
+            assert uncleared(kit) == []
+            port.unplug()
+            await asyncio.sleep(30)
+            assert uncleared(kit) == [("no_response", "fan-1"), ("no_response", "fan-2"), ("port_lost", "a")]
+            assert plant.alarms.counts("fan-1") == {"high": 1}
+
+    run(scenario())

@@ -143,12 +143,13 @@ class AlarmEngine:
     def observe(self, view: DriveView, now: float, now_ms: int) -> list[AlarmChange]:
         """Evaluate the conditions of a drive; call it at least four times a second and on every change.
 
-        While the port of its bus is lost, that it does not answer is suppressed: the alarm of the port stands for it.
+        The alarm of a lost port suppresses ``no_response`` of the drives of its bus, unless it is shelved.
         """
         changes: list[AlarmChange] = []
-        port_is_lost = (SystemAlarm.PORT_LOST, SystemAlarm.PORT_LOST, "", view.bus) in self._uncleared
+        port_alarm = self._uncleared.get((SystemAlarm.PORT_LOST, SystemAlarm.PORT_LOST, "", view.bus))
+        suppressed = port_alarm is not None and self._alarms[port_alarm].shelved_until_ms is None
         for condition in self._conditions.get(view.id, ()):
-            if port_is_lost and condition.setting.kind is AlarmKind.NO_RESPONSE:
+            if suppressed and condition.setting.kind is AlarmKind.NO_RESPONSE:
                 condition.suppress()
                 continue
             cleared, raised = condition.evaluate(view, now)
