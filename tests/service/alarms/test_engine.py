@@ -86,6 +86,17 @@ def test_a_value_without_good_quality_neither_raises_nor_clears_nor_restarts_the
     assert run(engine(HIGH), (0, current(11.0)), *not_good, (5, current(0.0, quality))) == ["4 raised overload"]
 
 
+def test_the_delay_of_a_silent_drive_begins_again_when_its_port_is_back() -> None:
+    """The drive is not silent for the time in which its port was lost."""
+    silent = AlarmConfig(id="silent", kind=AlarmKind.NO_RESPONSE, drives=(), delay_s=10.0)
+    alarms, offline = engine(silent), view(presence="offline")
+    assert run(alarms, (0, offline), (6, offline)) == []
+    alarms.raise_alarm(SystemAlarm.PORT_LOST, "", 7_000, subject=offline.bus, bus=offline.bus, reason="unplugged")
+    assert run(alarms, (7, offline), (60, offline)) == []
+    alarms.clear_alarm(SystemAlarm.PORT_LOST, "", 61_000, subject=offline.bus)
+    assert run(alarms, (61, offline), (70.9, offline), (71, offline)) == ["71 raised silent"]
+
+
 @pytest.mark.parametrize("value", [None, "text"])
 def test_a_missing_or_non_numeric_value_raises_nothing(value: object) -> None:
     alarms = engine(replace(HIGH, delay_s=0.0))
