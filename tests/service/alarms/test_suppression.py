@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
+from typing import Any
+
+import pytest
 
 from drivebus.drives.state import DriveState
-from drivebus.service.alarms import SystemAlarm
+from drivebus.service.alarms import AlarmEngine, SystemAlarm
+from drivebus.service.alarms.model import AlarmChange
 from drivebus.service.config.model import AlarmKind
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
@@ -58,6 +62,27 @@ def test_a_drive_that_was_silent_before_keeps_its_alarm_while_the_port_is_lost()
             port.replug()
             await asyncio.sleep(20)
             assert uncleared(kit) == []
+
+    run(scenario())
+
+
+def test_the_alarm_of_a_lost_port_is_not_made_again_for_each_drive(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its texts were made four times a second for each drive of the bus."""
+    made: list[str] = []
+    raise_alarm = AlarmEngine.raise_alarm
+
+    def counted(alarms: AlarmEngine, kind: SystemAlarm, *args: Any, **more: Any) -> list[AlarmChange]:
+        made.extend([kind] if kind is SystemAlarm.PORT_LOST else [])
+        return raise_alarm(alarms, kind, *args, **more)
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await asyncio.sleep(2)
+            monkeypatch.setattr(AlarmEngine, "raise_alarm", counted)
+            simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port).unplug()
+            await asyncio.sleep(10)
+            assert uncleared(kit) == [("port_lost", "a")]
+            assert len(made) <= 11
 
     run(scenario())
 

@@ -197,8 +197,9 @@ class SupervisionCycle:
         report_motion(self._plant, runtime, status)
 
     def _report_lost_port(self, runtime: DriveRuntime) -> None:
-        if not runtime.bus.is_open:
-            self._supervise_port(self._plant.bus_of(runtime))
+        bus_runtime = self._plant.bus_of(runtime)
+        if not runtime.bus.is_open and bus_runtime.reported_open is not False:
+            self._supervise_port(bus_runtime)
 
     def _supervise_port(self, bus_runtime: BusRuntime) -> None:
         """Raise alarms for a lost port and a foreign master; publish an event when a port is lost or open again."""
