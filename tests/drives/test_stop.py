@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 from dataclasses import replace
 from itertools import pairwise
@@ -34,7 +35,7 @@ from drivebus.drives.operations.stop import (
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveState
 from drivebus.drives.stop_supervisor import MIN_SUSPENSION_S, STOP_REPEAT_INTERVAL_S
-from drivebus.errors import HeaderError, NoReply, StopUnconfirmed, Superseded
+from drivebus.errors import HeaderError, NoReply, NotPermitted, StopUnconfirmed, Superseded
 from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.protocols.codec import Effect
 from drivebus.simulator.models.catalog import make_station
@@ -642,3 +643,34 @@ def test_a_stop_that_is_withheld_counts_as_not_accepted() -> None:
     op = operation_for(dialect)
     assert bus.run(send_stop(op, StopMode.STOP)) is False
     assert op.withheld_stop is not None and not op.stop_awaits_model and bus.effects() == []
+
+
+def test_a_stop_that_was_sent_to_a_drive_that_is_then_removed_is_unconfirmed() -> None:
+    """Also where no read showed a state: its error was that nothing was sent."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives("c320") as bench:
+            drive = bench.drive()
+            stop = asyncio.create_task(drive.stop())
+            await asyncio.sleep(0.05)
+            drive.close()
+            with pytest.raises(StopUnconfirmed) as caught:
+                await stop
+            assert (caught.value.key, caught.value.params) == ("drives.stop_removed", {"sent": 1})
+            assert caught.value.outcome.exchanges[0].received
+
+    run_virtual(scenario())
+
+
+def test_a_stop_that_waits_when_its_drive_is_removed_is_reported_as_not_sent() -> None:
+    async def scenario() -> None:
+        async with SimulatedDrives("c320", "1-2") as bench:
+            drive, other = bench.drive(1), bench.drive(2)
+            stop, first = asyncio.create_task(drive.stop()), asyncio.create_task(other.stop())
+            await asyncio.sleep(0)
+            other.close()
+            await stop
+            with pytest.raises(NotPermitted, match="nothing was sent"):
+                await first
+
+    run_virtual(scenario())

@@ -15,6 +15,7 @@ from drivebus.drives.operations.steps import DriveOperation
 from drivebus.drives.operations.stop import StopProgress
 from drivebus.drives.outcome import FrameExchange, Outcome, raise_for_status
 from drivebus.drives.runner import OperationRunner
+from drivebus.errors import NotPermitted
 
 T = TypeVar("T")
 
@@ -107,7 +108,13 @@ class StopSupervisor:
                 return stop_operation.unconfirmed_outcome(op), was_suspended
             await asyncio.wait({task}, timeout=left_s)
             was_suspended = bus.now() > deadline + MIN_SUSPENSION_S
-        return task.result(), self.pending and was_suspended
+        try:
+            outcome = task.result()
+        except NotPermitted:  # the drive was removed from the bus
+            if not op.stops_sent:
+                raise
+            return stop_operation.removed_outcome(op), False
+        return outcome, self.pending and was_suspended
 
     def _on_stop_ended(self, task: asyncio.Task[Outcome]) -> None:
         """Retrieve the exception of a stop that no caller awaits: it fails where its drive is removed from the bus."""

@@ -358,6 +358,38 @@ def test_a_stop_that_is_still_repeated_when_the_service_ends_has_a_last_record_w
     run(scenario())
 
 
+@pytest.mark.parametrize("policy", list(OnServiceStop))
+def test_the_record_of_a_stop_whose_ramp_outlasts_the_service_has_what_was_sent_and_reported(
+    policy: OnServiceStop,
+) -> None:
+    """It was recorded, and answered, as one of which nothing was sent."""
+
+    async def scenario() -> None:
+        drives = tuple(replace(drive, on_service_stop=policy) for drive in DRIVES)
+        buses = (replace(BUSES[0], port="sim://c320@1,2?ramp=30"), BUSES[1])
+        async with running_service(plant_config(drives=drives, buses=buses)) as kit:
+            await ready(kit, "fan-1")
+            await asyncio.sleep(35)
+            kit.trail.entries.clear()
+            stop = asyncio.create_task(kit.call("drive.stop", remote_actor("bob"), drive="fan-1"))
+            await asyncio.sleep(0.5)
+            assert await kit.service.stop() == {"fan-1": DECELERATING}
+            with pytest.raises(StopUnconfirmed) as caught:
+                await stop
+            assert caught.value.key == "drives.stop_removed_after" and caught.value.params["sent"] > 1
+            assert "reported decelerating" in caught.value.text("en") and "减速" in caught.value.text("zh")
+            recorded = [(one.who, one.outcome, one.of) for one in kit.trail.entries]
+            by_service = [("drivebus", "requested", None), ("drivebus", "decelerating", 2)]
+            assert recorded == [
+                ("bob", "requested", None),
+                *(by_service if policy is OnServiceStop.STOP else []),
+                ("bob", caught.value.key, 1),
+            ]
+            assert len(kit.trail.entries[-1].frames) > 20
+
+    run(scenario())
+
+
 def test_an_ending_service_does_not_wait_for_a_disk_that_hangs() -> None:
     async def scenario() -> None:
         async with running_service() as kit:

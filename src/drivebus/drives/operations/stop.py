@@ -287,6 +287,15 @@ def _port_lost_outcome(op: OperationContext, error: PortLost) -> Outcome:
     return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_port_lost_after", **params)
 
 
+def removed_outcome(op: OperationContext) -> Outcome:
+    """Return the outcome of a stop whose drive was removed from its bus after a stop was sent."""
+    newest, sent = op.state_reports.newest, op.stops_sent
+    if newest is None:
+        return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_removed", sent=sent)
+    found = reported_text(newest.state, op.state_reports.output_hz)
+    return op.outcome(OutcomeStatus.UNKNOWN, "drives.stop_removed_after", sent=sent, found=found)
+
+
 def reported_text(state: DriveState, output_hz: float | None) -> Text:
     """Format ``running at 25.0 Hz``, without a frequency that the drive does not report as good."""
     return bilingual_text(
