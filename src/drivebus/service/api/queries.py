@@ -149,7 +149,7 @@ class Queries:
         runtime = self.plant.drive_runtime(params.drive)
         if "identify" not in runtime.profile.capabilities:
             raise CapabilityError("drives.cannot", model=runtime.profile.model, what="identify")
-        identity = await self.plant.bus_of(runtime).reads.run(runtime.drive.identify)
+        identity = await self.plant.bus_of(runtime).reads.run(runtime.drive.identify, user=actor.user)
         return identity.as_json()
 
     @handles(PARAMETERS_READ)
@@ -161,7 +161,8 @@ class Queries:
             entries, unknown = find_entries(drive.profile, [name])
             known += entries
             refused |= {name: error_to_json(error) for name, error in unknown.items()}
-        readings = await self.plant.bus_of(drive).reads.run(lambda: drive.drive.read(known)) if known else {}
+        reads = self.plant.bus_of(drive).reads
+        readings = await reads.run(lambda: drive.drive.read(known), user=actor.user) if known else {}
         return {"parameters": readings_json(drive.profile, readings), "refused": refused}
 
     # --- history and audit trail ----------------------------------------------------------------------------------

@@ -21,9 +21,9 @@ from drivebus.service.audit.chain import KEY_REPLACED, MAX_AUDIT_FILE_BYTES, REC
 from drivebus.service.audit.query import query_records
 from drivebus.service.audit.records import AuditCheckpoint, AuditEntry, entry_json
 from drivebus.service.config.model import PlantConfig
+from drivebus.service.one_at_a_time import OneAtATime, run_to_end_in_thread
 from drivebus.service.process.module_command import module_command
 from drivebus.service.storage.batch_writer import BatchWriter
-from drivebus.service.storage.one_at_a_time import OneAtATime, run_to_end_in_thread
 from drivebus.types import Json
 
 LOG = logging.getLogger("drivebus.service")

@@ -20,8 +20,8 @@ from drivebus.profiles.model import DriveProfile
 from drivebus.service.config.adapter_latency import AdapterLatency, adapter_latency, serial_device
 from drivebus.service.config.bus_load import serial_settings_of
 from drivebus.service.config.model import BusConfig, DriveConfig, title_of
+from drivebus.service.one_at_a_time import OneAtATime
 from drivebus.service.runtime.drive import DriveRuntime
-from drivebus.service.storage.one_at_a_time import OneAtATime
 from drivebus.types import Json
 from drivebus.values import Text, bilingual_text
 

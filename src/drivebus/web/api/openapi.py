@@ -55,10 +55,10 @@ STATUS_MEANINGS = {
     500: Text("internal error; whether it was done is not known", "内部错误；是否已执行不得而知"),
     502: Text("the drive or its bus failed, or the drive rejected it", "变频器或总线出错，或变频器拒绝"),
     503: Text(
-        "the service or its audit trail cannot be reached; nothing was started. With the code `plant.gone`, "
-        "`plant.hangs` or `plant.internal` it is not known whether it was done",
-        "无法连接服务或其审计记录；未执行任何操作。代码为 `plant.gone`、`plant.hangs` 或 `plant.internal` 时，"
-        "是否已执行不得而知",
+        "the service or its audit trail cannot be reached, or too many requests are waiting; nothing was started. With "
+        "the code `plant.gone`, `plant.hangs` or `plant.internal` it is not known whether it was done",
+        "无法连接服务或其审计记录，或等待的请求过多；未执行任何操作。代码为 `plant.gone`、"
+        "`plant.hangs` 或 `plant.internal` 时，是否已执行不得而知",
     ),
     504: Text("sent, but the outcome is unknown", "已发送，结果未知"),
 }
