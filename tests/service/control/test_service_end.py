@@ -334,24 +334,30 @@ def test_the_record_of_an_ending_service_whose_stop_failed_has_the_frames_that_w
     run(scenario())
 
 
-def test_a_stop_that_is_still_repeated_when_the_service_ends_has_a_last_record_with_its_author() -> None:
+@pytest.mark.parametrize("replies_again", [False, True], ids=["silent", "decelerates"])
+def test_a_stop_that_is_still_repeated_when_the_service_ends_has_a_last_record_with_its_author(
+    replies_again: bool,
+) -> None:
     """The trail left open whether the service had still been stopping the drive when it ended."""
 
     async def scenario() -> None:
         drives = tuple(replace(drive, on_service_stop=OnServiceStop.HOLD) for drive in DRIVES)
-        async with running_service(plant_config(drives=drives)) as kit:
+        buses = (replace(BUSES[0], port="sim://c320@1,2?ramp=30"), BUSES[1])
+        async with running_service(plant_config(drives=drives, buses=buses)) as kit:
             await ready(kit, "fan-1")
-            await asyncio.sleep(10)
+            await asyncio.sleep(35)
             kit.trail.entries.clear()
             kit.station("fan-1").faults.silent = True
             with pytest.raises(StopUnconfirmed):
                 await kit.call("drive.stop", remote_actor("bob"), drive="fan-1")
-            assert await kit.service.stop() == {"fan-1": None}
+            kit.station("fan-1").faults.silent = not replies_again
+            await asyncio.sleep(6)  # the bus reads the drive again after 5 s
+            assert await kit.service.stop() == {"fan-1": DECELERATING if replies_again else None}
             recorded = [(one.who, one.outcome, one.of) for one in kit.trail.entries]
             assert recorded == [
                 ("bob", "requested", None),
                 ("bob", "drives.stop_no_reply", 1),
-                ("drivebus", "unknown", 1),
+                ("drivebus", "decelerating" if replies_again else "unknown", 1),
             ]
             assert kit.trail.entries[-1].params == {"requested_by": "bob"}
 
