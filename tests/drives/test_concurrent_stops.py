@@ -114,6 +114,25 @@ def test_every_one_of_many_stops_at_once_is_confirmed(model: str, count: int) ->
     assert report.frames[Effect.NONE] <= 130  # one stop of a motor that ramps down for 4 s: 100
 
 
+def test_the_exchanges_of_stops_under_way_have_each_frame_once_and_in_order() -> None:
+    """The audit record of a service that ended during four stops of a drive had 116 frames for 47."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives("c320") as bench:
+            drive = bench.drive()
+            await run_drive(drive, "c320")
+            sent: list[bytes] = []
+            bench.bus.trace(lambda event: sent.append(event.data) if event.kind is TraceKind.SENT else None)
+            stops = [asyncio.create_task(outcome_of(drive)) for _ in range(3)]
+            await asyncio.sleep(0.5)
+            exchanges = drive.stop_exchanges
+            assert [exchange.sent for exchange in exchanges] == sent[: len(exchanges)]
+            assert len(sent) - len(exchanges) <= 1, "the last frame may have no reply yet"
+            assert {outcome.key for outcome in await asyncio.gather(*stops)} == {"drives.stop_confirmed"}
+
+    run_virtual(scenario())
+
+
 async def stop_on_a_lossy_line(model: str, count: int) -> Report:
     """Stop a drive where every tenth transaction fails; what is not confirmed is repeated until it is."""
     async with SimulatedDrives(model, query="line_quality=loss=0.05&seed=7&ramp=2") as bench:

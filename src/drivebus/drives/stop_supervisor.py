@@ -51,8 +51,9 @@ class StopSupervisor:
 
     @property
     def exchanges(self) -> tuple[FrameExchange, ...]:
-        """Frames of the stops under way, so far."""
-        return tuple(exchange for op in self._concurrent for exchange in op.exchanges)
+        """Frames of the stops under way, so far, in their order; one that stops share appears once."""
+        exchanges = {exchange.sent_at: exchange for op in self._concurrent for exchange in op.exchanges}
+        return tuple(sorted(exchanges.values(), key=lambda exchange: exchange.sent_at or 0.0))
 
     async def stop(self, mode: StopMode, *, wait: bool = True, drive_count: int = 1) -> Outcome:
         """Stop the drive. Raises CapabilityError before sending, StopUnconfirmed after.
