@@ -29,7 +29,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WebContext:
-    """Users and sessions, the service behind this process, the log of denied requests, and pauses of this process."""
+    """Users and sessions, the client of the service, the aggregator of audit records, and pauses of this process."""
 
     auth: AuthService
     client: ServiceClient
