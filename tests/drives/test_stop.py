@@ -21,8 +21,8 @@ from drivebus.drives import create_dialect
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.operations.context import VERIFICATION_ROUNDS, OperationContext
 from drivebus.drives.operations.stop import (
-    MAX_CONCURRENT_STOPS,
     MAX_DECELERATION_S,
+    MAX_FIRST_FRAMES,
     MIN_TIMEOUT_TRANSACTIONS,
     STOP_PROGRESS_TIMEOUT_S,
     STOP_RESEND_INTERVAL_S,
@@ -565,7 +565,7 @@ def test_the_page_about_stops_has_the_times_of_the_program(language: str) -> Non
         MIN_SUSPENSION_S,
     ]
     most = max(timeout_transactions(create_dialect(profile, 1)) for profile in map(profiles.load, profiles.models()))
-    numbers = [MIN_TIMEOUT_TRANSACTIONS, most, MAX_CONCURRENT_STOPS]
+    numbers = [MIN_TIMEOUT_TRANSACTIONS, most, MAX_FIRST_FRAMES]
     stated = [*(f"{value:g} s" for value in seconds), *map(str, numbers)]
     assert [value for value in stated if re.search(rf"(?<!\d){re.escape(value)}(?!\d)", section) is None] == []
 

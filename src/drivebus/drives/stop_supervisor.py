@@ -96,7 +96,10 @@ class StopSupervisor:
         bus, op = self._runner.bus, self._runner.stop_context()
         progress = StopProgress(op, bus.now(), drive_count, self._concurrent)
         operation = stop_operation.stop(op, mode, wait_confirmed=wait, progress=progress)
-        task = self.start_stop(operation, mode, self._runner.submit_first(operation))
+        first_result = self._runner.submit_first(operation)
+        if not op.stop_awaits_model:  # the first frame of each stop that waits for that read is its own
+            op.first_frame = first_result
+        task = self.start_stop(operation, mode, first_result)
         self._concurrent.add(op)
         task.add_done_callback(lambda _: self._concurrent.discard(op))
         was_suspended = False

@@ -62,6 +62,7 @@ class OperationContext:
         self.waits_in_quarantine = True  # False: a read that a quarantine of 5 s would delay fails
         self.lost_replies = 0  # frames without a valid reply; a retry by the bus counts as a frame of its own
         self.stops_sent = 0  # stops that were given to the port
+        self.first_frame: Any = None  # of a stop, the same for each that it serves; None: it serves this one alone
         self.port_error: PortLost | None = None  # why the last transaction failed, where the port was lost
         self.port_loss: PortLost | None = None  # latest loss of the port: it supersedes a command as a stop does
         self.confirmed_setpoint: tuple[int, float] | None = None  # word and Hz of the last setpoint that was read back

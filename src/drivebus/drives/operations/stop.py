@@ -23,7 +23,7 @@ from drivebus.values import Text, bilingual_text
 
 STOP_PROGRESS_TIMEOUT_S = 2.0  # without a sign of deceleration for this long a stop is reported as unconfirmed
 MIN_TIMEOUT_TRANSACTIONS = 16  # for each drive; most models verify two states with fewer, so that some may fail
-MAX_CONCURRENT_STOPS = 64  # of one drive that prolong its deadline: further stops must not put off its report for ever
+MAX_FIRST_FRAMES = 64  # of one drive's stops that prolong a deadline: further ones must not put off a report for ever
 MAX_DECELERATION_S = 120.0  # a motor whose frequency only falls must be reported; a longer ramp that was read counts
 STOP_RESEND_INTERVAL_S = 0.5  # a decelerating drive gets the stop again, in case the first was lost
 STOP_POLL_INTERVAL_S = 0.05  # pause between two verified states
@@ -47,7 +47,7 @@ class StopProgress:
         self._op, self._started_at, self._drive_count = op, started_at, drive_count
         self._concurrent = concurrent
         self._transactions = timeout_transactions(op.dialect)
-        self._most_concurrent = 1  # stops of this drive at once so far: the end of one does not shorten the deadline
+        self._most_first_frames = 1  # of concurrent stops so far: the end of one does not shorten the deadline
         self._fastest_transaction_s = inf  # of this stop and the concurrent ones; inf: none has a reply yet
         self._deceleration_reported_at = started_at  # by the state of the drive; ``op`` has that by its frequency
         self._progress_at_last_update = started_at
@@ -78,17 +78,18 @@ class StopProgress:
         return min(max(self._last_progress_at + timeout_s, ramp_end), latest)
 
     def _verification_s(self) -> float:
-        """Return the bus time of the verified states of all drives and of the frames of concurrent stops before them.
+        """Return the bus time of the verified states of all drives and of the first frames of concurrent stops.
 
         0 while no transaction shows the speed of the bus: a stop whose own frame still waits takes that of the others.
         A drive that does not report standstill is not read, so that its stop waits for none of them.
         """
         if self._op.dialect.reports_run_state:
-            self._most_concurrent = max(self._most_concurrent, min(len(self._concurrent), MAX_CONCURRENT_STOPS))
+            first_frames = len({op.first_frame or op for op in self._concurrent})
+            self._most_first_frames = max(self._most_first_frames, min(first_frames, MAX_FIRST_FRAMES))
         self._fastest_transaction_s = min(
             self._fastest_transaction_s, *(op.age.fastest_transaction_s for op in (self._op, *self._concurrent))
         )
-        transactions = self._transactions + 2 * (self._most_concurrent - 1)
+        transactions = self._transactions + 2 * (self._most_first_frames - 1)
         seconds = transactions * self._drive_count * self._fastest_transaction_s
         return seconds if isfinite(seconds) else 0.0
 
@@ -164,6 +165,8 @@ def _send_stop_frames(op: OperationContext, mode: StopMode) -> DriveOperation[bo
             tag=None if place or op.stops_sent else OWN_FRAME,
         )
         if place == 0:
+            if not op.stops_sent and result.sent_at is None:
+                op.first_frame = None  # the next one serves this stop alone
             op.stops_sent += result.sent_at is not None
             op.stop_rejection = None if result.reply is None else op.dialect.rejection(result.reply)
             answered = result.error is None and result.reply is not None and op.stop_rejection is None
