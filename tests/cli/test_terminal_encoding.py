@@ -7,15 +7,17 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-STATUS = (sys.executable, "-m", "drivebus", "status", "sim://c320@1", "--model", "c320", "--address", "1")
+STATUS = ("status", "sim://c320@1", "--model", "c320", "--address", "1")
 
 
-def run(*words: str, **environment: str) -> subprocess.CompletedProcess[bytes]:
+def run(*words: str, command: tuple[str, ...] = STATUS, **environment: str) -> subprocess.CompletedProcess[bytes]:
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("LC_", "LANG", "DRIVEBUS_LANG"))}
-    return subprocess.run([*STATUS, *words], capture_output=True, env=kept | environment, check=True)
+    arguments = [sys.executable, "-m", "drivebus", *command, *words]
+    return subprocess.run(arguments, capture_output=True, env=kept | environment, check=True)
 
 
 @pytest.mark.parametrize("encoding", ["latin-1", "cp866"])
@@ -55,6 +57,14 @@ def test_a_terminal_with_chinese_characters_shows_chinese(environment: dict[str,
     """Python prints UTF-8 in the locale C too."""
     shown = run("--lang", "zh", **environment)
     assert "输出频率" in shown.stdout.decode(environment.get("PYTHONIOENCODING", "utf-8")) and shown.stderr == b""
+
+
+def test_a_file_keeps_the_chosen_language_whatever_the_encoding_of_the_terminal(tmp_path: Path) -> None:
+    """A plant file was written in English."""
+    file = tmp_path / "plant.toml"
+    scan = ("init", "sim://c320@1", "--scan", "-o", str(file))
+    written = run("--lang", "zh", command=scan, PYTHONIOENCODING="ascii")
+    assert written.stdout.isascii() and "我的工厂" in file.read_text(encoding="utf-8")
 
 
 def test_a_completion_is_not_preceded_by_the_note_on_the_encoding() -> None:

@@ -56,6 +56,11 @@ def language() -> str:
     return current_settings().language
 
 
+def file_language() -> str:
+    """Return the language of the files that a command writes: their encoding is UTF-8, whatever that of the output."""
+    return "zh" if current_settings().encoding_without_chinese else language()
+
+
 def export_language() -> None:
     """Use the language also for the log of a service and for the processes of its gateways."""
     if language() != i18n.preferred():

@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from drivebus import i18n
 from drivebus.cli import options, output
 from drivebus.cli.click_ext import Argument, CliCommand, Option
 from drivebus.cli.errors import ExitCode, print_error
@@ -66,13 +67,18 @@ def _init(
 
 
 def _write_plant(found: PlantAnswers, file: str, *, force: bool, is_interrupted: bool) -> None:
-    """Write the plant file and report its drives; print it for the file ``-`` or after an interruption."""
+    """Write the plant file and report its drives; print it for the file ``-`` or after an interruption.
+
+    A plant without a title, as a scan finds it, gets the default one.
+    """
     from drivebus.service.config.load import loads
     from drivebus.service.config.wizard import plant_toml
 
-    text = plant_toml(found, output.language())
-    config = loads(text, file, Path(file).resolve().parent)
     is_written = file != "-" and not is_interrupted
+    language = output.file_language() if is_written else output.language()
+    titled = replace(found, title=found.title or i18n.text("plant_init.default_title", language))
+    text = plant_toml(titled, language)
+    config = loads(text, file, Path(file).resolve().parent)
     if is_written:
         with file_errors(file):
             write_or_print(file, text, replace=force)
@@ -152,7 +158,7 @@ def _answers_of_scan(
 
     questions = ModelQuestions(is_interrupted=code is ExitCode.INTERRUPTED)
     buses = tuple(_bus_answer(port, drives, named, questions) for port, drives in scanned)
-    found = PlantAnswers(output.text("plant_init.default_title"), buses)
+    found = PlantAnswers("", buses)
     return found, ExitCode.INTERRUPTED if questions.is_interrupted else code
 
 

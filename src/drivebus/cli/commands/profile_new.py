@@ -38,7 +38,7 @@ def _new(*, file: str, table: str | None, answers_file: str | None, force: bool)
         return _save_unfinished(answers, file)
     rows = register_table.read_table(table, answers["numbering"]) if table is not None else []
     with file_errors(file):
-        write_or_print(file, file_text.profile_toml(answers, rows, output.language()), replace=force)
+        write_or_print(file, file_text.profile_toml(answers, rows, output.file_language()), replace=force)
     try:
         profile = profiles.load(Path(file).resolve())
     except ProfileError as error:

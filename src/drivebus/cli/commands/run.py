@@ -181,7 +181,7 @@ async def _watch(bus: Bus, drive: Drive, shutdown: ShutdownSignal, watch: RunWat
 
 
 def _detached_key(bus: Bus, drive: Drive) -> str:
-    """Return the key of the sentence on what becomes of a drive that keeps running."""
+    """Return the key of the sentence on what becomes of a started drive after the command."""
     if _is_remote(drive):
         return "run.detached_service"
     return "run.detached_simulated" if bus.port.url.startswith("sim:") else "run.detached"

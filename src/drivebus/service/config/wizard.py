@@ -55,6 +55,7 @@ class PlantAnswers:
     """Plant of a new file."""
 
     title: str
+    """Empty where it has none yet."""
     buses: tuple[BusAnswer, ...]
 
 
