@@ -90,7 +90,7 @@ class OperationRunner:
         return OperationContext(self.drive, sync_request=self._shared.sync_request)
 
     async def run_stop(self, operation: DriveOperation[T], first_result: asyncio.Future[BusResult] | None = None) -> T:
-        """Run an operation that stops the drive; other stops of the drive share its frames, except its first stop.
+        """Run an operation that stops the drive and shares frames with its other stops, see ``SharedTransactions``.
 
         ``first_result``: the return value of ``submit_first``.
         """
@@ -131,8 +131,8 @@ async def run_operation(
 ) -> T:
     """Perform the steps of an operation and return its result.
 
-    ``transact`` performs its transactions, None: ``Bus.transact``. After it is cancelled nothing more is sent, except a
-    frame that ``transact`` shares.
+    ``transact`` performs its transactions, None: ``Bus.transact``. After it is cancelled nothing more is sent, except
+    the frame of ``first_result`` and one that ``transact`` shares.
     """
     transact = transact or bus.transact
     try:

@@ -52,7 +52,7 @@ class BusConditions:
 
 
 GET_BUS_CONDITIONS = GetBusConditions()
-OWN_FRAME = "own frame"  # tag of a request whose frame no other operation of the drive may share
+OWN_FRAME = "own frame"  # tag of a stop's first frame: ``SharedTransactions`` shares it in ``submit_first`` alone
 Step = BusRequest | Wait | GetBusConditions | UpdateStore
 DriveOperation = Generator[Step, Any, T]
 
