@@ -107,9 +107,8 @@ class AuditAggregator:
     async def close(self) -> None:
         """Record the number of repetitions now, at the end of the process, and count no later request."""
         self._closing.set()
-        if self._flush_task is not None:
+        if self._flush_task is not None:  # each count has one
             await self._flush_task
-        await self.flush()
 
     async def flush(self) -> None:
         """Record the number of repetitions."""
