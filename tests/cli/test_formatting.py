@@ -288,7 +288,7 @@ def test_a_scan_names_each_drive_once_when_it_is_found(monkeypatch: pytest.Monke
             progress.found += found
             bar.on_progress(progress)
     serial = {"settings": "9600 8N1", "encoding": "rtu"}
-    models = {1: "gd10", 9: "gd10/gd20"}
+    models = {1: "gd10", 9: "gd10 / gd20"}
     assert lines == [i18n.text("scan.found", models=models[each], address=each, **serial) for each in models]
 
 
