@@ -83,8 +83,12 @@ def test_the_stops_of_a_drive_and_of_its_group_differ_on_a_phone(
       const store = await import('/static/js/store.js');
       const named = (en) => ({ title: { en, zh: en } });
       const [own, all] = [named('Press section motor 1-1'), named('Press section')];
-      store.applyDelta({ topics: { 'drives/fan-1': own, 'groups/air': all } });
-    }""")
+      const rename = () => {
+        store.applyDelta({ topics: { 'drives/fan-1': own, 'groups/air': all } });
+        requestAnimationFrame(rename);
+      };
+      rename();
+    }""")  # in each frame: a message of the service brings the own names back
     own = page.locator("[data-stop=drive] .what")
     expect(own).to_contain_text("motor 1-1")
     assert own.evaluate("(one) => one.scrollHeight <= one.clientHeight"), "its end is cut off"
@@ -169,10 +173,11 @@ def test_a_notice_of_the_service_covers_nothing_and_its_end_moves_nothing(
     """Regression: the notice of the demo lay over tiles. One that comes to an open page does, and moves nothing."""
     stage.service.plant.notice = LONGEST
     try:
-        page = visit("#/fleet", size=size)
-        page.locator(".tile").nth(4).wait_for()
+        page = visit("#/buses", size=size)
         notice = page.locator("[data-text=notice]")
-        notice.wait_for()
+        notice.wait_for()  # the service has published it
+        go_to(page, "fleet")
+        page.locator(".tile").nth(4).wait_for()
         box, main = notice.bounding_box(), page.locator("main").bounding_box()
         assert box["y"] + box["height"] <= main["y"]
         place = page.locator(".service-notice")
