@@ -12,7 +12,6 @@ from drivebus.drives.state import DriveState
 from drivebus.service.alarms import AlarmEngine, SystemAlarm
 from drivebus.service.alarms.model import AlarmChange
 from drivebus.service.config.model import AlarmKind
-from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from fixtures.service import BUSES, ServiceKit, plant_config, running_service
 
@@ -33,7 +32,7 @@ def test_a_lost_port_is_one_alarm_and_not_one_of_each_drive() -> None:
         async with running_service() as kit:
             await asyncio.sleep(2)
             plant = kit.service.plant
-            port = simulated_bus_of(plant.drives["fan-1"].bus.port)
+            port = kit.simulated_bus("fan-1")
             port.unplug()
             await asyncio.sleep(30)
             assert uncleared(kit) == [("port_lost", "a")]
@@ -54,7 +53,7 @@ def test_a_drive_that_was_silent_before_keeps_its_alarm_while_the_port_is_lost()
             await asyncio.sleep(2)
             kit.station("fan-1").faults.silent = True
             await asyncio.sleep(20)
-            port = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
+            port = kit.simulated_bus("fan-1")
             port.unplug()
             await asyncio.sleep(20)
             assert uncleared(kit) == [("no_response", "fan-1"), ("port_lost", "a")]
@@ -79,7 +78,7 @@ def test_the_alarm_of_a_lost_port_is_not_made_again_for_each_drive(monkeypatch: 
         async with running_service() as kit:
             await asyncio.sleep(2)
             monkeypatch.setattr(AlarmEngine, "raise_alarm", counted)
-            simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port).unplug()
+            kit.simulated_bus("fan-1").unplug()
             await asyncio.sleep(10)
             assert uncleared(kit) == [("port_lost", "a")]
             assert len(made) <= 11
@@ -105,7 +104,7 @@ def test_a_shelved_alarm_of_a_lost_port_does_not_hide_drives_that_do_not_answer(
         async with running_service() as kit:
             await asyncio.sleep(2)
             plant = kit.service.plant
-            port = simulated_bus_of(plant.drives["fan-1"].bus.port)
+            port = kit.simulated_bus("fan-1")
             port.unplug()
             await asyncio.sleep(5)
             (alarm,) = plant.alarms.active()

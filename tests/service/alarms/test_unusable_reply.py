@@ -12,7 +12,6 @@ from drivebus import i18n
 from drivebus.cli.formatting import status_json
 from drivebus.cli.remote.convert import parse_status
 from drivebus.service.config.model import BusConfig, DriveConfig
-from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
 from fixtures.service import ServiceKit, plant_config, running_service
@@ -26,7 +25,7 @@ def plant(model: str) -> Any:
 
 
 def set_replies(kit: ServiceKit, replies: Callable[[bytes], bytes], *, delay_s: float = 0.0) -> None:
-    wire = simulated_bus_of(kit.service.plant.drives["fan"].bus.port).wire
+    wire = kit.simulated_bus("fan").wire
     transmit = wire.transmit_reply
     wire.transmit_reply = lambda source, data, now, at: transmit(  # type: ignore[method-assign]
         source, replies(data), now, at + delay_s

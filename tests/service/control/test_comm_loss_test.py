@@ -20,7 +20,6 @@ from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import BusConfig, DriveConfig, PlantConfig
 from drivebus.service.control.comm_loss_record import CommLossRecord
 from drivebus.service.control.comm_loss_test import _short_name
-from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
 from drivebus.values import Text, bilingual_text
@@ -167,7 +166,7 @@ def test_an_adapter_that_is_pulled_for_longer_than_the_silence_is_measured_until
             await asyncio.sleep(8)
             await begin(kit, silence_s=6.0)
             await wait_for_silence(kit)
-            adapter = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
+            adapter = kit.simulated_bus("fan-1")
             adapter.unplug()
             for _ in range(20):
                 await asyncio.sleep(1)
@@ -242,7 +241,7 @@ def test_a_drive_is_called_unanswering_after_the_silence_only_at_the_end_of_the_
             await asyncio.sleep(8)
             await begin(kit, silence_s=6.0)
             await wait_for_silence(kit)
-            adapter = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
+            adapter = kit.simulated_bus("fan-1")
             if gone_s is not None:
                 adapter.unplug()
                 for _ in range(round(gone_s)):

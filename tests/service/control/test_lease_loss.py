@@ -273,7 +273,7 @@ def test_the_end_of_a_port_alarm_is_not_attributed_to_who_acknowledged_it() -> N
         async with running_service(plant_config(buses=buses)) as kit:
             await asyncio.sleep(2)
             plant = kit.service.plant
-            port = simulated_bus_of(plant.drives["fan-1"].bus.port)
+            port = kit.simulated_bus("fan-1")
             port.unplug()
             await asyncio.sleep(2)
             (alarm,) = [alarm for alarm in plant.alarms.active() if alarm.kind == SystemAlarm.PORT_LOST]

@@ -17,7 +17,7 @@ from drivebus.protocols.codec import Effect
 from drivebus.service.app import Service
 from drivebus.service.config.model import BusConfig, InterlockConfig, OnRestart, OnServiceStop
 from drivebus.simulator.motor import OutputPhase
-from drivebus.simulator.port import find_simulated_bus, simulated_bus_of
+from drivebus.simulator.port import find_simulated_bus
 from drivebus.testing.virtual_time import run
 from drivebus.values import Text
 from fixtures.service import BUSES, DRIVES, ServiceKit, plant_config, running_service
@@ -172,7 +172,7 @@ def test_a_trip_is_announced_once_while_the_port_is_lost_and_again_for_a_drive_t
             await asyncio.sleep(4)
             await kit.call("drive.run", drive="fan-2", frequency_hz=20.0)
             await asyncio.sleep(4)
-            bench: Any = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
+            bench: Any = kit.simulated_bus("fan-1")
             bench.unplug()
             await asyncio.sleep(5)
             for _ in range(4):

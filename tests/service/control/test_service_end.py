@@ -21,7 +21,6 @@ from drivebus.service.audit import AuditEntry
 from drivebus.service.config.model import BusConfig, GroupConfig, OnServiceStop
 from drivebus.service.control.stops import DECELERATING
 from drivebus.simulator.motor import OutputPhase
-from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.types import Json
 from fixtures.service import BUSES, DRIVES, plant_config, ready, remote_actor, running_service
@@ -71,7 +70,7 @@ def test_a_stopping_service_stops_the_drives_that_it_started_by_their_policy(
             kit.station("fan-2").motor.run(20.0)
             await asyncio.sleep(3)
             stations = kit.station("fan-1"), kit.station("fan-2")
-            simulated_bus_of(kit.service.plant.drives["pump-1"].bus.port).unplug()
+            kit.simulated_bus("pump-1").unplug()
             await asyncio.sleep(10)
             outcomes = await kit.service.stop()
             stopped = policy is OnServiceStop.STOP
@@ -200,7 +199,7 @@ def test_a_stopping_service_reports_unconfirmed_stops_within_three_seconds() -> 
     async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit, "fan-1")
-            simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port).unplug()
+            kit.simulated_bus("fan-1").unplug()
             started_at = kit.service.plant.now()
             outcomes = await kit.service.stop()
             assert kit.service.plant.now() - started_at <= 3.0

@@ -16,7 +16,6 @@ from drivebus.service.control.comm_loss_record import CommLossRecord, CommLossRe
 from drivebus.service.control.start_blockers import check_start, check_test_start, start_blockers, start_blockers_json
 from drivebus.service.control.waivers import CommLossWaiver
 from drivebus.service.live.views import CommLossView
-from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.values import Text, bilingual_text
 from fixtures.service import ServiceKit, running_service
@@ -105,7 +104,7 @@ def test_a_foreign_master_is_an_alarm_of_its_bus_while_starts_are_refused_there(
         async with running_service() as kit:
             await asyncio.sleep(5)
             await kit.grant_waivers()
-            wire, master = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port), ForeignMaster()
+            wire, master = kit.simulated_bus("fan-1"), ForeignMaster()
             frame = sunfar.SunfarCodec().encode_request(sunfar.ReadMonitor(9, 1))
             found = []
             for requests, pause_s in ((0, 1), (20, 1), (0, 90)):

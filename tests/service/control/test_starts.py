@@ -20,7 +20,6 @@ from drivebus.errors import (
     StartInhibited,
 )
 from drivebus.service.runtime.drive_reports import STANDSTILL_CONFIRM_S, report_motion
-from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from fixtures.service import blocked, ready, remote_actor, running_service
 
@@ -32,7 +31,7 @@ def test_a_view_lists_a_bad_link_as_start_blocker() -> None:
         async with running_service() as kit:
             await ready(kit)
             assert not await blocked(kit, "fan-1")
-            bench = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
+            bench = kit.simulated_bus("fan-1")
             for quality in ("flip=0.02", "clean"):
                 bench.line_quality = quality
                 await asyncio.sleep(20)

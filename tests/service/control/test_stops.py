@@ -206,7 +206,7 @@ def test_a_lost_bus_is_reported_as_unconfirmed_and_the_others_are_stopped() -> N
     async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit, "fan-1", "pump-1")
-            simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port).unplug()
+            kit.simulated_bus("fan-1").unplug()
             found = await kit.call("plant.stop")
             assert found["buses"]["a"]["unconfirmed"] == ["fan-1", "fan-2"]
             assert found["buses"]["b"]["confirmed"]
@@ -220,7 +220,7 @@ def test_an_unconfirmed_stop_raises_an_alarm_until_a_stop_is_confirmed() -> None
     async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit, "fan-1")
-            bench = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
+            bench = kit.simulated_bus("fan-1")
             bench.unplug()
             with pytest.raises(StopUnconfirmed):
                 await kit.call("drive.stop", drive="fan-1")
@@ -238,7 +238,7 @@ def test_a_stop_that_a_lost_port_withholds_is_called_unsent_and_sent_when_the_po
     async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit, "fan-1")
-            bench = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
+            bench = kit.simulated_bus("fan-1")
             bench.unplug()
             await asyncio.sleep(6)
             with pytest.raises(StopUnconfirmed) as caught:
@@ -267,7 +267,7 @@ def test_a_stop_that_was_not_sent_has_a_second_outcome_once_it_was_repeated_and_
     async def scenario() -> None:
         async with running_service(plant_config(groups=(GroupConfig(id="fans", drives=("fan-1",)),))) as kit:
             await ready(kit, "fan-1")
-            bench = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
+            bench = kit.simulated_bus("fan-1")
             bench.unplug()
             await asyncio.sleep(6)
             kit.trail.entries.clear()
@@ -300,7 +300,7 @@ def test_a_port_lost_during_a_stop_is_reported_with_its_repetition_by_the_servic
     async def scenario() -> None:
         async with running_service() as kit:
             await ready(kit, "fan-1")
-            bench = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
+            bench = kit.simulated_bus("fan-1")
             asyncio.get_running_loop().call_later(delay_s, bench.unplug)
             with pytest.raises(StopUnconfirmed) as caught:
                 await kit.call("drive.stop", drive="fan-1")

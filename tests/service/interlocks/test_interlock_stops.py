@@ -13,7 +13,6 @@ from drivebus.errors import Interlocked
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.config.model import InterlockAction, InterlockConfig
 from drivebus.simulator.motor import OutputPhase
-from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.values import Quality, Text
 from fixtures.service import plant_config, running_service
@@ -109,7 +108,7 @@ def test_a_lost_port_violates_the_interlocks_of_its_drives_at_once_and_is_seen_e
             await asyncio.sleep(15)
             await start_both(kit)
             assert (await kit.call("drives.get", drive="pump-2"))["start_blockers"] == []
-            simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port).unplug()
+            kit.simulated_bus("fan-1").unplug()
             await asyncio.sleep(0.3)
             fan = await kit.call("drives.get", drive="fan-1")
             assert (fan["presence"], fan["state"], fan["state_reason"]) == ("offline", "unknown", "drives.port_lost")

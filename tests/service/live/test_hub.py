@@ -13,7 +13,6 @@ from drivebus.service.live.hub import MAX_LIST_ITEMS, STATE_STREAM, Hub
 from drivebus.service.runtime.fairness import encode_json_cooperatively, yield_to_loop
 from drivebus.service.runtime.utc_clock import UtcClock
 from drivebus.simulator.motor import Trip
-from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.values import Quality, Text
 from fixtures.service import LOCAL, ServiceKit, remote_actor, running_service
@@ -268,7 +267,7 @@ def test_a_gap_is_recorded_once_and_only_after_a_value() -> None:
 
 def disconnect(kit: ServiceKit) -> None:
     """Remove the drive from its bus."""
-    bench = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
+    bench = kit.simulated_bus("fan-1")
     bench.stations.remove(bench.station(1))
     bench._group_stations()
 
@@ -280,7 +279,7 @@ def test_a_lost_drive_its_return_and_its_fault_are_each_one_event(caplog: pytest
     async def scenario() -> None:
         async with running_service() as kit:
             await asyncio.sleep(5)
-            bench = simulated_bus_of(kit.service.plant.drives["fan-1"].bus.port)
+            bench = kit.simulated_bus("fan-1")
             station = bench.station(1)
             station.trip(Trip.OVERHEAT)
             await asyncio.sleep(5)

@@ -12,7 +12,6 @@ from drivebus.service.api.errors import localized
 from drivebus.service.auth.rights import Role
 from drivebus.service.config.model import BusConfig, DriveConfig
 from drivebus.service.runtime.comm_loss import COMM_LOSS_NOT_READ
-from drivebus.simulator.port import simulated_bus_of
 from drivebus.testing.virtual_time import run
 from drivebus.values import Text
 from fixtures.service import ServiceKit, plant_config, remote_actor, running_service
@@ -116,7 +115,7 @@ def test_a_drive_with_a_published_behaviour_starts_without_a_waiver_where_it_tri
             await kit.call("drive.run", drive="small", frequency_hz=20.0)
             await asyncio.sleep(4)
             assert station.motor.energised
-            bench = simulated_bus_of(kit.service.plant.drives["small"].bus.port)
+            bench = kit.simulated_bus("small")
             await kit.service.plant.buses["s"].bus.close()
             await asyncio.sleep(15)
             bench.advance()

@@ -186,7 +186,7 @@ def test_a_drive_that_stood_still_when_it_answered_last_may_leave_the_plant(tmp_
     async def scenario() -> None:
         async with running_service(load(file)) as kit:
             await asyncio.sleep(3)
-            simulated_bus_of(kit.service.plant.drives["fan-2"].bus.port).unplug()
+            kit.simulated_bus("fan-2").unplug()
             await asyncio.sleep(30)
             write(file, FAN_1)
             await kit.call("configuration.reload")
