@@ -17,7 +17,7 @@ from drivebus import i18n, profiles
 from drivebus.drives.context import DriveContext, DriveLimits
 from drivebus.drives.eeprom_budget import EepromBudget
 from drivebus.drives.operations.context import OperationContext
-from drivebus.drives.operations.parameter_write import check_write, confirmation_needed
+from drivebus.drives.operations.parameter_write import check_writes, confirmation_needed
 from drivebus.drives.operations.parameters import read_values, write_values
 from drivebus.drives.operations.preflight import read_preflight
 from drivebus.drives.operations.status import comm_loss_behaviour
@@ -230,7 +230,7 @@ def test_a_record_that_can_not_be_read_is_a_used_up_budget() -> None:
         ("vc660", "0x200B", 1.0, CapabilityError, "drives.register_not_listed"),
         ("c320", "F3.5", 1.0, CapabilityError, "drives.not_described"),
         ("c320", "output_frequency", 1.0, CapabilityError, "drives.signal_not_written"),
-        ("c320", "nonsense", 1.0, ProfileError, "profiles.unknown_name"),
+        ("c320", "nonsense", 1.0, ProfileError, "drives.unknown_names"),
     ],
 )
 def test_what_may_not_be_written_is_refused_before_sending(
@@ -255,7 +255,7 @@ def test_what_may_not_be_written_is_refused_before_sending(
 )
 def test_the_refusal_of_a_write_gives_the_reason_and_the_way_out(model: str, name: str, key: str) -> None:
     with pytest.raises(CapabilityError) as caught:
-        check_write(dialect_for(model), name, 1.0)
+        check_writes(dialect_for(model), {name: 1.0})
     assert caught.value.key == key
     assert ("profile of your own" in caught.value.text()) is (key == "drives.not_described")
 
@@ -273,7 +273,7 @@ def test_a_write_to_the_command_word_or_the_set_frequency_names_the_commands_tha
         assert locators
         for _, register in locators:
             with pytest.raises(CapabilityError) as caught:
-                check_write(dialect_for(model), f"0x{register:04X}", "0080H")
+                check_writes(dialect_for(model), {f"0x{register:04X}": "0080H"})
             assert caught.value.key == key
             words = {"en": ("write it (run", "written by run"), "zh": ("专用命令写入（run", "只由 run")}
             for language, either in words.items():
@@ -294,7 +294,7 @@ def test_a_parameter_is_written_once_a_profile_of_its_own_describes_it(tmp_path:
     own = tmp_path / "own.toml"
     text = '[parameters."F2.7"]\ntext = { en = "a", zh = "一" }\nevidence = "user"\n'
     own.write_text(f'format = 1\nextends = "c320"\nmodel = "own"\n{text}', encoding="utf-8")
-    assert check_write(dialect_for(str(own)), "F2.07", 6.0).raw == 6
+    assert check_writes(dialect_for(str(own)), {"F2.07": 6.0})[0].raw == 6
 
 
 def test_nothing_is_written_when_one_of_several_is_wrong() -> None:
@@ -319,7 +319,7 @@ def test_a_value_in_the_notation_of_the_manual_is_the_word_that_the_manual_sends
     model: str, name: str, text: str, word: int
 ) -> None:
     value = parse_value(text)
-    assert check_write(dialect_for(model), name, value).raw == word
+    assert check_writes(dialect_for(model), {name: value})[0].raw == word
     if model == "c320":
         bench = ParameterBench(model, FakeC320())
         assert bench.write({name: value}).status is OutcomeStatus.CONFIRMED
@@ -356,12 +356,12 @@ def test_a_value_between_two_steps_of_its_parameter_is_rejected_and_not_rounded(
 ) -> None:
     """Rounded, 2.5 as the code of a function would choose another function."""
     with pytest.raises(LimitError) as caught:
-        check_write(dialect_for(model), name, value)
+        check_writes(dialect_for(model), {name: value})
     assert (caught.value.key, caught.value.params["nearest"]) == ("drives.parameter_step", nearest)
 
 
 def test_a_step_of_a_tenth_takes_what_its_sum_gives() -> None:
-    assert check_write(dialect_for("dzb100"), "10", 0.1 + 0.2).raw == 3
+    assert check_writes(dialect_for("dzb100"), {"10": 0.1 + 0.2})[0].raw == 3
 
 
 @pytest.mark.parametrize("text", ["1_0", "２", "٢", "nan", "inf", "1e", "", "0x1_0"])
@@ -375,7 +375,7 @@ def test_a_text_that_only_python_reads_as_a_number_is_no_value(text: str) -> Non
 def test_a_word_outside_the_range_or_coding_of_its_parameter_is_rejected(value: str) -> None:
     beyond = value in ("1772H", "FFFFH")
     with pytest.raises(LimitError) as caught:
-        check_write(dialect_for("c320"), "F6.12" if beyond else "F1.10", value)
+        check_writes(dialect_for("c320"), {"F6.12" if beyond else "F1.10": value})
     assert caught.value.key == ("drives.parameter_range" if beyond else "drives.parameter_word")
 
 
@@ -470,11 +470,11 @@ def test_a_write_that_takes_control_from_the_bus_waits_for_a_confirmation(
     model: str, name: str, bus: float, other: float
 ) -> None:
     dialect = dialect_for(model)
-    needed = confirmation_needed(dialect, check_write(dialect, name, other))
+    needed = confirmation_needed(dialect, check_writes(dialect, {name: other})[0])
     assert needed is not None and needed.key == "drives.confirm_source"
     assert f"Way back: write {name} = {bus:g}" in needed.text() and f"写 {name} = {bus:g}" in needed.text("zh")
-    assert confirmation_needed(dialect, check_write(dialect, name, bus)) is None
-    assert confirmation_needed(dialect, check_write(dialect, name, f"{int(other):04X}H")) is not None
+    assert confirmation_needed(dialect, check_writes(dialect, {name: bus})[0]) is None
+    assert confirmation_needed(dialect, check_writes(dialect, {name: f"{int(other):04X}H"})[0]) is not None
 
 
 def test_without_the_confirmation_the_source_of_commands_is_not_written() -> None:
@@ -486,7 +486,7 @@ def test_without_the_confirmation_the_source_of_commands_is_not_written() -> Non
 
 
 def test_the_present_address_needs_no_confirmation() -> None:
-    assert confirmation_needed(dialect_for("df800"), check_write(dialect_for("df800"), "F7.02", 1.0)) is None
+    assert confirmation_needed(dialect_for("df800"), check_writes(dialect_for("df800"), {"F7.02": 1.0})[0]) is None
 
 
 def test_a_drive_that_takes_its_new_address_at_once_accepted_the_write() -> None:
@@ -725,10 +725,20 @@ def test_unknown_names_are_each_named_with_similar_ones_and_nothing_is_read() ->
         bench.read("F0.1", "output_frequence", "F0.300")
     _, unknown = find_entries(bench.dialect.profile, ("output_frequence", "F0.300"))
     assert caught.value.params["names"] == tuple(unknown)
-    for language, begin in (("en", "nothing was read: "), ("zh", "未读取任何值：")):
+    for language, begin in (("en", "nothing was sent: "), ("zh", "未发送任何数据：")):
         text = caught.value.text(language)
         assert text.startswith(begin) and "output_frequency" in text
         assert all(error.text(language) in text for error in unknown.values())
+    assert not bench.bus.requests
+
+
+def test_the_unknown_names_of_a_write_are_each_named_and_nothing_is_written() -> None:
+    """The first one was named alone, although a read names each."""
+    bench = ParameterBench("c320", FakeC320())
+    with pytest.raises(ProfileError) as caught:
+        bench.write({"F1.10": 1.0, "F0.300": 1.0, "F1.999": 1.0})
+    assert (caught.value.key, caught.value.params["names"]) == ("drives.unknown_names", ("F0.300", "F1.999"))
+    assert "c320 has no F0.300" in caught.value.text() and "c320 has no F1.999" in caught.value.text()
     assert not bench.bus.requests
 
 
@@ -1012,5 +1022,5 @@ def test_the_default_store_lives_in_the_users_state_directory(monkeypatch: pytes
 
 def test_an_impossible_value_is_named_without_decimals_that_were_not_given() -> None:
     with pytest.raises(LimitError) as caught:
-        check_write(dialect_for("vc660"), "2006H", 8.0)
+        check_writes(dialect_for("vc660"), {"2006H": 8.0})
     assert (caught.value.key, caught.value.text("en")) == ("drives.parameter_range", "2006H can be 0 to 7; found 8")

@@ -14,7 +14,7 @@ from drivebus.drives.dialects.command_word import make_command_word
 from drivebus.drives.dialects.dzb100 import STATE_ITEM
 from drivebus.drives.dialects.modbus_reads import sync_spans
 from drivebus.drives.operations.dzb100_calibration import calibrate_query_coding
-from drivebus.drives.operations.parameter_write import check_write
+from drivebus.drives.operations.parameter_write import check_writes
 from drivebus.drives.operations.setpoint import set_frequency
 from drivebus.drives.operations.stop import stop
 from drivebus.drives.state import Direction
@@ -39,7 +39,7 @@ def test_an_address_that_the_model_lacks_is_not_called_the_broadcast_address(add
     parameter = replace(profile.parameters["78"], minimum=None, maximum=None)
     wider = replace(profile, parameters={**profile.parameters, "78": parameter})
     with pytest.raises(LimitError) as caught:
-        check_write(create_dialect(wider, 1), "78", address)
+        check_writes(create_dialect(wider, 1), {"78": address})
     assert caught.value.key == key
 
 

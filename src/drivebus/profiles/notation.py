@@ -13,7 +13,7 @@ from drivebus.profiles.diagnostics import nearest_names
 from drivebus.profiles.model import DriveProfile, NotationRule, Parameter, Signal
 from drivebus.protocols.family import Locator, NotationStyle, protocol_family
 from drivebus.user_input import parse_decimal, parse_hex_word
-from drivebus.values import bilingual_text
+from drivebus.values import Text, bilingual_text
 
 _LEADING_ZERO = re.compile(r"0[0-9]+", re.ASCII)
 _GROUP_AND_ITEM = re.compile(r"F([0-9]{1,2})[.\-]([0-9]{1,3})", re.ASCII)
@@ -106,6 +106,15 @@ def find_entries(
         except ProfileError as error:
             unknown[name] = error
     return entries, unknown
+
+
+def require_entries(profile: DriveProfile, names: Iterable[str]) -> dict[str, Signal | Parameter]:
+    """Return the entry of each name. Raises ProfileError ``drives.unknown_names``, which explains each unknown one."""
+    entries, unknown = find_entries(profile, names)
+    if unknown:
+        problems = [Text.per_language(error.text) for error in unknown.values()]
+        raise ProfileError("drives.unknown_names", names=tuple(unknown), why=Text.join(problems, "clauses"))
+    return entries
 
 
 def _style(rule: NotationRule) -> NotationStyle:

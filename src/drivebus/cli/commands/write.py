@@ -36,10 +36,9 @@ async def _write(
 def _plan(
     dry: DryRun, settings: Assignments, *, save: bool, force: bool, eeprom_writes_per_day: int | None
 ) -> ExitCode:
-    from drivebus.drives.operations.parameter_write import check_write, confirmation_needed
+    from drivebus.drives.operations.parameter_write import check_writes, confirmation_needed
 
-    for name, value in settings:
-        write = check_write(dry.dialect, name, value)
+    for write in check_writes(dry.dialect, dict(settings)):
         read = [dry.dialect.read_parameter(write.parameter)] if write.parameter.readable else []
         if save:
             dry.add("compare", read)

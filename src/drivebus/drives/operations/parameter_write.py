@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isclose
 
 from drivebus.drives.dialects.base import Dialect
 from drivebus.errors import CapabilityError, ConfirmationRequired, LimitError
 from drivebus.profiles.model import DriveProfile, Parameter, Signal
-from drivebus.profiles.notation import find_entry, parse_number
+from drivebus.profiles.notation import parse_number, require_entries
 from drivebus.protocols.codec import Effect
 from drivebus.user_input import parse_hex_word
 
@@ -29,13 +30,18 @@ class CheckedWrite:
     raw: int
 
 
-def check_write(dialect: Dialect, name: str, value: float | str) -> CheckedWrite:
-    """Return a checked write of a number or a raw word (``0010H``).
+def check_writes(dialect: Dialect, values: Mapping[str, float | str]) -> list[CheckedWrite]:
+    """Return checked writes of numbers or raw words (``0010H``) to the parameters of these names.
 
-    Raises ProfileError, CapabilityError or LimitError where the parameter can't be written or not with this value.
+    Raises ProfileError, which explains each unknown name, and for the first parameter that can't be written, or not
+    with its value, CapabilityError or LimitError.
     """
+    entries = require_entries(dialect.profile, values)
+    return [_check_write(dialect, entries[name], value) for name, value in values.items()]
+
+
+def _check_write(dialect: Dialect, parameter: Signal | Parameter, value: float | str) -> CheckedWrite:
     model = dialect.profile.model
-    parameter = find_entry(dialect.profile, name)
     _check_no_command(dialect.profile, parameter)
     if isinstance(parameter, Signal):
         raise CapabilityError("drives.signal_not_written", model=model, notation=parameter.notation)

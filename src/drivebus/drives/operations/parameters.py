@@ -11,7 +11,7 @@ from drivebus.drives.dialects.base import without_item_echo
 from drivebus.drives.operations.context import OperationContext, with_note
 from drivebus.drives.operations.parameter_write import (
     CheckedWrite,
-    check_write,
+    check_writes,
     confirmation_needed,
     display_value,
     may_become_unreachable,
@@ -30,11 +30,10 @@ from drivebus.errors import (
     DrivebusError,
     DriveError,
     PreflightError,
-    ProfileError,
     ProtocolError,
 )
 from drivebus.profiles.model import Parameter, Signal
-from drivebus.profiles.notation import find_entries
+from drivebus.profiles.notation import require_entries
 from drivebus.user_input import parse_hex_word
 from drivebus.values import Reading, Text, bilingual_text, missing_reading
 
@@ -54,12 +53,8 @@ READ_BACK_PAUSE_S = 0.05  # an EEPROM takes a moment: pause before a repeated re
 def read_values(op: OperationContext, names: tuple[str, ...]) -> DriveOperation[dict[str, Reading]]:
     """Read parameters and signals by any of their names. Raises ProfileError for unknown names, before sending."""
     op.drive.require_capability("read")
-    entries, unknown = find_entries(op.dialect.profile, names)
-    if unknown:
-        problems = [Text.per_language(error.text) for error in unknown.values()]
-        raise ProfileError("drives.unknown_names", names=tuple(unknown), why=Text.join(problems, "clauses"))
     readings: dict[str, Reading] = {}
-    for name, entry in entries.items():
+    for name, entry in require_entries(op.dialect.profile, names).items():
         readings[name] = yield from (
             _read_signal(op, entry) if isinstance(entry, Signal) else _read_parameter(op, entry)
         )
@@ -110,7 +105,7 @@ def write_values(
     parameter, read-only, ``save`` needed), LimitError, ConfirmationRequired, EepromBudgetExceeded, Expired,
     ConfigurationError (store failure).
     """
-    checked = [check_write(op.dialect, name, value) for name, value in values.items()]
+    checked = check_writes(op.dialect, values)
     op.drive.require_capability("write")
     support = op.dialect.profile.write_support
     if not save and not support.ram:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 from drivebus.drives.context import DriveLimits
-from drivebus.drives.operations.parameter_write import check_write, may_move
+from drivebus.drives.operations.parameter_write import check_writes, may_move
 from drivebus.drives.operations.parameters import written_texts
 from drivebus.drives.outcome import Outcome, OutcomeStatus, raise_for_status
 from drivebus.errors import (
@@ -310,7 +310,7 @@ class DriveCommands:
         """Write parameters to RAM, or with ``save`` to EEPROM, and read each back; a parameter may move a motor."""
         runtime = self.require_control(params.drive, actor)
         dialect = runtime.drive.dialect
-        starts = any(may_move(dialect, check_write(dialect, name, value)) for name, value in params.values.items())
+        starts = any(may_move(dialect, write) for write in check_writes(dialect, params.values))
         if starts:
             check_start(self.plant, runtime)
         runtime.comm_loss.invalidate()
