@@ -26,7 +26,7 @@ from drivebus.cli.output import table, width, wrap
 from drivebus.cli.tui.app import MonitorApp
 from drivebus.cli.tui.bus_source import BusRowSource
 from drivebus.cli.tui.capture_source import CapturePlayer
-from drivebus.cli.tui.plain import drive_text
+from drivebus.cli.tui.plain import bus_text, drive_text
 from drivebus.cli.tui.rows import COLUMN_SIGNALS, BusRow, DriveRow, drive_row
 from drivebus.cli.tui.tables import CellTable, bus_cells, bus_columns, drive_cells, drive_columns
 from drivebus.cli.tui.threaded import ThreadedRowSource
@@ -624,6 +624,28 @@ def test_monitor_plays_a_capture_file_to_its_end(tmp_path: Path) -> None:
     assert cut_off not in result.stdout
     path.write_bytes(path.read_bytes()[:-3])
     assert cut_off in CliRunner().invoke(cli, ["monitor", str(path), "--speed", "20", "--json"]).stdout
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_rows_of_a_plain_view_are_broken_between_their_values_where_a_terminal_is_narrow(
+    language: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A row of a drive has 105 columns and more, and a terminal of 80 broke it within a value.
+
+    In a file or a pipe it is one line.
+    """
+    output.parse_global_options(["--lang", language])
+    drive = replace(FakeRowSource().drives()[0], state="fault", fault_label="E009", fault_text="over-current " * 9)
+    bus = BusRow(name="line", settings="9600 8N1", errors={"NoReply": 33_333, "late": 222_222, "collision": 5})
+    whole = [drive_text(drive, 100.0), bus_text(bus)]
+    monkeypatch.setattr(output, "terminal_width", lambda _: 79)
+    for row, broken in zip(whole, (drive_text(drive, 100.0), bus_text(bus)), strict=True):
+        lines = broken.splitlines()
+        assert "\n" not in row and width(row) > 79 >= max(width(line) for line in lines)
+        assert all(line.startswith("    ") for line in lines[1:])
+        assert " ".join(broken.split()) == " ".join(row.split())
+    values = [f"{output.text(f'live.drive.{name}')} {drive.cell(name):>6}" for name in COLUMN_SIGNALS]
+    assert all(value in drive_text(drive, 100.0) for value in values)
 
 
 def test_a_long_bus_name_keeps_its_end_and_a_gap_before_the_settings() -> None:

@@ -276,7 +276,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], cells: int = _UNLI
     shown: list[str] = []
     for row in [head, *rows] if beside or folds_columns else rows:
         if folds_columns and not aligns_folded:
-            last = _fill_lines(row[lead:], cells - 4)
+            last = fill_lines(row[lead:], cells - 4)
         else:
             rest = "  ".join([cells_of(row, lead, len(head) - 1), row[-1]]) if folds_columns else row[-1]
             last = wrap(rest, cells - (left if beside else 4))
@@ -285,16 +285,17 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], cells: int = _UNLI
     return "\n".join(shown if beside or folds_columns else [cells_of(head, 0, lead).rstrip(), *shown])
 
 
-def _fill_lines(row: Sequence[str], cells: int) -> list[str]:
+def fill_lines(row: Sequence[str], cells: int) -> list[str]:
     """Return lines with as many values of a row as fit beside each other; only one longer than a line is broken."""
     lines: list[str] = []
     for value in filter(None, row):
         joined = f"{lines[-1]}  {value}" if lines else value
-        fits = width(joined) <= cells
-        if lines and (fits or width(value) > cells):
-            lines[-1:] = [joined] if fits else wrap(joined, cells)
+        if width(joined) <= cells:
+            lines[-1:] = [joined]
+        elif width(value) <= cells:
+            lines.append(value)
         else:
-            lines += wrap(value, cells)
+            lines[-1:] = wrap(joined, cells)
     return lines
 
 

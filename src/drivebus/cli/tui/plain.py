@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 from drivebus.cli import output
 from drivebus.cli.output import pad
 from drivebus.cli.signals import ShutdownSignal
@@ -53,19 +55,24 @@ def _print_all_rows(source: RowSource) -> None:
 
 
 def drive_text(row: DriveRow, now: float) -> str:
-    """Format one drive as a line of text."""
-    values = "  ".join(f"{output.text(f'live.drive.{name}')} {row.cell(name):>6}" for name in COLUMN_SIGNALS)
-    head = f"  {pad(row.name_text(), 13)} {pad(row.state_text(), 13)} {pad(row.direction_text(), 5)}"
-    line = f"{head} {values}  {output.text('live.drive.age')} {row.age_text(now)}  {row.fault_cell()}"
-    return line.rstrip()
+    """Format one drive."""
+    head = f"{pad(row.name_text(), 13)} {pad(row.state_text(), 13)} {pad(row.direction_text(), 4)}"
+    values = [f"{output.text(f'live.drive.{name}')} {row.cell(name):>6}" for name in COLUMN_SIGNALS]
+    return _row_text(head, *values, f"{output.text('live.drive.age')} {row.age_text(now)}", row.fault_cell())
 
 
 def bus_text(row: BusRow) -> str:
-    """Format one bus as a line of text."""
+    """Format one bus."""
     up = output.text("live.link.up" if row.up else "live.link.lost")
     load = "–" if row.load is None else f"{row.load * 100:.0f} %"
     rate = "–" if row.transactions_per_s is None else f"{row.transactions_per_s:.1f}"
     labels = {name: output.text(f"live.bus.{name}").strip() for name in ("load", "rate", "errors")}
     errors = output.text("live.counted", name=labels["errors"], counts=row.errors_text())
-    head = f"  {pad(row.name, 13)} {pad(row.settings, 11)} {pad(up, 6)}"
-    return f"{head} {labels['load']} {load}  {labels['rate']} {rate}  {errors}"
+    head = f"{pad(row.name, 13)} {pad(row.settings, 11)} {pad(up, 5)}"
+    return _row_text(head, f"{labels['load']} {load}", f"{labels['rate']} {rate}", errors)
+
+
+def _row_text(*values: str) -> str:
+    """Format the values of a row: in lines that fit the terminal, or in one line of a file or a pipe."""
+    first, *further = output.fill_lines(values, output.terminal_width(sys.stdout) - 4)
+    return "\n".join([f"  {first.rstrip()}", *(f"    {line}" for line in further)])
