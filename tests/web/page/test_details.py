@@ -79,9 +79,10 @@ def test_axe_finds_nothing_serious_in_the_details(stage: Stage, visit: Any) -> N
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
-def test_no_detail_is_wider_than_a_phone(stage: Stage, visit: Any, language: str) -> None:
+@pytest.mark.parametrize("size", [(240, 493), (360, 740)], ids=["240 pixels wide", "360 pixels wide"])
+def test_no_detail_is_wider_than_a_phone(stage: Stage, visit: Any, size: tuple[int, int], language: str) -> None:
     trip(stage, "fan-3")
-    page = visit("#/fleet", language=language, role="administrator", size=(360, 740))
+    page = visit("#/fleet", language=language, role="administrator", size=size)
     wide, broken = {}, 0
     for way in DETAILS:
         open_detail(page, way)
