@@ -46,7 +46,7 @@ function urlOf(path, query) {
   const search = new URLSearchParams();
   for (const [name, value] of Object.entries(query ?? {})) {
     if (value === null || value === undefined) continue;
-    for (const one of Array.isArray(value) ? value : [value]) search.append(name, one);
+    for (const item of Array.isArray(value) ? value : [value]) search.append(name, item);
   }
   return `${API_ROOT}${path}${search.size ? `?${search}` : ""}`;
 }

@@ -10,9 +10,11 @@ let path = [];
 const isUsable = (element) => element.isConnected && !element.disabled
   && (element.tabIndex >= 0 || element.hasAttribute("tabindex"));
 
+const sectionAround = (element) => element.parentElement?.closest(SECTIONS);
+
 function remember({ target }) {
   path = [target];
-  for (let one = target.parentElement?.closest(SECTIONS); one; one = one.parentElement?.closest(SECTIONS)) path.push(one);
+  for (let section = sectionAround(target); section; section = sectionAround(section)) path.push(section);
 }
 
 /** The focus left an element: to another one, to the ground of the page by a click, or because it became unusable. */

@@ -13,7 +13,7 @@ let loading = null;
 /** Load the tags and add the names of their signals; without an answer the known ones stay. */
 export function loadHistoryTags() {
   loading ??= api.get("/history/tags").then(({ tags }) => {
-    known = new Set(tags.map((one) => one.tag));
+    known = new Set(tags.map(({ tag }) => tag));
     loadedAt = nowMs();
     addSignalNames(tags);
   }, () => null).finally(() => { loading = null; });

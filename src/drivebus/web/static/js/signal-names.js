@@ -14,7 +14,7 @@ const profileSignalNames = signal({});
 
 /** Add the names of a profile's signals: a list of {signal or name, text}. */
 export function addSignalNames(list) {
-  const news = list.filter((one) => one.text).map((one) => [one.signal ?? one.name, one.text]);
+  const news = list.filter((entry) => entry.text).map((entry) => [entry.signal ?? entry.name, entry.text]);
   profileSignalNames.value = { ...profileSignalNames.peek(), ...Object.fromEntries(news) };
 }
 

@@ -68,8 +68,8 @@ function Filters({ filter, onChange, stations }) {
     <${Field} label=${t("page.station_title")}><select value=${filter.station ?? ""} onChange=${(event) =>
       set({ station: event.target.value === "" ? null : Number(event.target.value) })}>
       <option value="">${t("page.every_station")}</option>
-      ${stations.map((one) => html`<option key=${one.address}
-        value=${one.address}>${one.address} · ${driveTitle(one.drive)}</option>`)}</select><//>
+      ${stations.map((station) => html`<option key=${station.address}
+        value=${station.address}>${station.address} · ${driveTitle(station.drive)}</option>`)}</select><//>
     <${SearchField} value=${filter.search} onChange=${(search) => set({ search })} /></div>`;
 }
 

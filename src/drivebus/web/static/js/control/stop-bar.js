@@ -116,7 +116,7 @@ function StopResults() {
   return html`<div class="stop-results">${shown.map((entry) => html`<${StopResult} key=${entry.id} entry=${entry} />`)}</div>`;
 }
 
-const ReleaseOfAll = () => html`<${ReleaseButton} views=${idsOf("drives").value.map((one) => drive(one).value).filter(Boolean)} />`;
+const ReleaseOfAll = () => html`<${ReleaseButton} views=${idsOf("drives").value.map((id) => drive(id).value).filter(Boolean)} />`;
 
 export function StopBar() {
   const bar = useRef(null);

@@ -21,8 +21,8 @@ function Diff({ changes }) {
     [t("page.notation"), ({ parameter }) => html`<code>${parameter.notation}</code>`],
     [t("page.parameter"), ({ parameter }) => withWholeNumbers(localized(parameter.text)), "wide"],
     [t("page.before"), before, "right"],
-    [t("page.after"), (one) => (one.value === null ? html`<span class="alarmtext">${wrong(one)}</span>`
-      : html`<b>${valueText(one.parameter, one.value)}</b> ${one.parameter.unit}`), "right"],
+    [t("page.after"), (change) => (change.value === null ? html`<span class="alarmtext">${wrong(change)}</span>`
+      : html`<b>${valueText(change.parameter, change.value)}</b> ${change.parameter.unit}`), "right"],
   ]} />`;
 }
 

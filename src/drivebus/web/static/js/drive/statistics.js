@@ -8,7 +8,7 @@ import { ErrorNote, Loading, useLoaded } from "../ui.js";
 /** Keypad's label of a fault code, as far as the profile has one; else the code, which is negative where it is not known. */
 function labelOf(profile, code) {
   if (Number(code) < 0) return t("drives.unnamed_fault");
-  return profile?.faults.find((one) => String(one.code) === code)?.label || t("page.fault_code", { code });
+  return profile?.faults.find((fault) => String(fault.code) === code)?.label || t("page.fault_code", { code });
 }
 
 /** `profile`: null until it is loaded. */

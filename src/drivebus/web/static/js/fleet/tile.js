@@ -32,7 +32,7 @@ function coarseAge(seconds) {
 /** Age of the frequency, else of the first signal that the drive reports; with the poll interval where that is long. */
 function ageText(view) {
   const all = view?.signals ?? {};
-  const found = [all.output_frequency, ...Object.values(all)].find((one) => one && one.readAt !== null);
+  const found = [all.output_frequency, ...Object.values(all)].find((signal) => signal && signal.readAt !== null);
   if (!found) return t("page.never_read");
   const slow = slowInterval(view);
   const age = coarseAge(ageOf(found));

@@ -100,4 +100,4 @@ function Record({ entry }) {
 }
 
 const SUCCESS_OUTCOMES = new Set(["requested", "confirmed", "acknowledged", "done", "unchanged", "trips", "stops"]);
-const isSuccess = ({ outcome }) => !outcome || outcome.split(", ").every((one) => SUCCESS_OUTCOMES.has(one));
+const isSuccess = ({ outcome }) => !outcome || outcome.split(", ").every((part) => SUCCESS_OUTCOMES.has(part));

@@ -47,7 +47,7 @@ function SelectedSignals({ tags, query }) {
   return html`<${SignalPicker} tags=${tags} picked=${picked} most=${MAX_SIGNALS} onChange=${change} />
     ${picked.length === 0 ? html`<${Notice}>${t("page.pick_signals")}<//>` : html`
       <${Trend} lines=${lines} height=${380} span_s=${3600} window=${from && to > from ? { from, to } : null}
-        onWindow=${onWindow} onRemove=${(tag) => change(picked.filter((one) => one !== tag))} />
+        onWindow=${onWindow} onRemove=${(tag) => change(picked.filter((other) => other !== tag))} />
       <${Export} tags=${picked} shown=${() => shown.current.window} />`}`;
 }
 
@@ -66,7 +66,7 @@ function useLines(picked, known) {
   for (const tag of [...hues.keys()]) if (!picked.includes(tag)) hues.delete(tag);
   for (const tag of picked) {
     if (hues.has(tag)) continue;
-    const uses = Array.from({ length: HUES }, (_, hue) => [...hues.values()].filter((one) => one === hue).length);
+    const uses = Array.from({ length: HUES }, (_, hue) => [...hues.values()].filter((used) => used === hue).length);
     hues.set(tag, uses.indexOf(Math.min(...uses)));
   }
   return picked.map((tag) => {

@@ -59,12 +59,12 @@ function Row({ line, trend, source, onRemove }) {
       const found = summary(series, trend.window.value);
       return [found?.low, found?.mean, found?.high].map((value) => ({ value: value ?? null }));
     }
-    const [one, other] = [sampleAt(line, series, a), sampleAt(line, series, b)];
-    const known = !isWord(line) && one?.value != null && other?.value != null;
-    return [one, other, { value: known ? other.value - one.value : null }];
+    const [atA, atB] = [sampleAt(line, series, a), sampleAt(line, series, b)];
+    const known = !isWord(line) && atA?.value != null && atB?.value != null;
+    return [atA, atB, { value: known ? atB.value - atA.value : null }];
   });
   const hidden = trend.hidden.value.has(line.tag);
-  const isValues = figures.value.every((one) => one === null || typeof one === "number");
+  const isValues = figures.value.every((figure) => figure === null || typeof figure === "number");
   return html`<tr class=${hidden ? "off" : ""}>
     <th scope="row"><button type="button" class="trend-line" aria-pressed=${hidden ? "false" : "true"}
       onClick=${() => trend.toggleLine(line.tag)} title=${t("page.show_line")}>

@@ -32,11 +32,11 @@ export function Export({ tags, shown }) {
   return html`<section class="panel stack export"><h2>${t("page.export")}</h2><p
     class="help">${t("page.export_how", { n: tags.length })}</p>
     <div class="row"><${Choice} label=${t("page.resolution")} value=${resolution} onChange=${setResolution}
-        options=${RESOLUTIONS.map((one) => [one, t(`page.export_${one}`)])} />
+        options=${RESOLUTIONS.map((option) => [option, t(`page.export_${option}`)])} />
       <${Choice} label=${t("page.format")} value=${format} onChange=${setFormat}
-        options=${FORMATS.map((one) => [one, t(`page.export_format_${one}`)])} />
+        options=${FORMATS.map((option) => [option, t(`page.export_format_${option}`)])} />
       ${format !== "parquet" && html`<${Choice} label=${t("page.export_time")} value=${zone} onChange=${setZone}
-        options=${[...new Set([LOCAL_ZONE, "UTC"])].map((one) => [one, one])} />`}
+        options=${[...new Set([LOCAL_ZONE, "UTC"])].map((option) => [option, option])} />`}
       <${Button} icon="download" busy=${busy} onClick=${save} data-export="save">${t("page.save_file")}<//></div>
     <${ErrorNote} error=${error} />
     ${result && html`<${Notice} kind="good" live>${t("page.saved", result)}<//>`}</section>`;

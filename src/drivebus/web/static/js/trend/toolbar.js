@@ -12,7 +12,7 @@ export function Toolbar({ trend, source }) {
   const chosen = SPANS_S.find((seconds) => Math.abs(seconds * 1000 - span) < 50) ?? null;
   return html`<div class="trend-tools">
     ${!source.isFixed && html`<${Choice} label=${t("page.span")} value=${chosen}
-      options=${SPANS_S.map((one) => [one, t(`page.span_${one}`)])} onChange=${(seconds) => trend.setSpan(seconds)} />`}
+      options=${SPANS_S.map((seconds) => [seconds, t(`page.span_${seconds}`)])} onChange=${(seconds) => trend.setSpan(seconds)} />`}
     <div class="trend-navigation" role="group" aria-label=${t("page.trend_navigation")}>
       ${toolButton("page.earlier", "◀", () => trend.show(panned(trend.window.peek(), -0.5)))}
       ${toolButton("page.zoom_in", "+", () => trend.zoom(0.5))}
@@ -36,7 +36,7 @@ function WindowSummary({ trend, source }) {
   const window = trend.window.value;
   const { from, to } = window;
   source.series.value; // with the live samples, which are no signal, in `seriesWithLive`
-  const isEmpty = source.fetchedWindow !== null && Object.values(source.seriesWithLive()).every((one) => summary(one, window) === null);
+  const isEmpty = source.fetchedWindow !== null && Object.values(source.seriesWithLive()).every((series) => summary(series, window) === null);
   const points = isEmpty ? "page.trend_empty" : source.resolution.value && `page.points_${source.resolution.value}`;
   return html`<span class="trend-window">${moment(from)} – ${moment(to)} ·${" "}
     <span class="span">${spanText(to - from)}</span></span>

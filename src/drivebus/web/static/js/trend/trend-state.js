@@ -77,7 +77,7 @@ export class TrendState {
 
   toggleLine(tag) {
     const next = new Set(this.hidden.peek());
-    this.recent = this.recent.filter((one) => one !== tag);
+    this.recent = this.recent.filter((other) => other !== tag);
     if (next.delete(tag)) this.recent.unshift(tag);
     else next.add(tag);
     this.hidden.value = next;

@@ -40,7 +40,7 @@ export function Trend({ lines, span_s = 600, window = null, hidden = [], source:
   const source = useMemo(() => given ?? new TrendSource(), []);
   const host = useRef(null);
   const controller = useMemo(() => new ChartController(trend, source), []);
-  const doubtful = useComputed(() => Object.values(source.series.value).some(({ q }) => q.some((one) => one !== GOOD)));
+  const doubtful = useComputed(() => Object.values(source.series.value).some(({ q }) => q.some((quality) => quality !== GOOD)));
   const tags = lines.map((line) => line.tag).join(" ");
 
   useEffect(() => {
