@@ -144,7 +144,7 @@ async def measure_plain_table(folder: Path, values: GeneratedValues, seconds: in
     for batch in values.batches(seconds):
         with timer:
             database.execute("BEGIN")
-            rows = ((ids[one.tag], one.time_ms, one.value, 0) for one in batch)
+            rows = ((ids[sample.tag], sample.time_ms, sample.value, 0) for sample in batch)
             database.executemany("INSERT INTO sample VALUES (?, ?, ?, ?)", rows)
             database.execute("COMMIT")
         count += len(batch)

@@ -60,8 +60,8 @@ class LoadedService:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(ONLINE_TIMEOUT_S):
                 while len(online) < len(self.lines) * len(self.alive):
-                    found = [one for bus in await self.buses() for one in self.responding(bus)]
-                    online |= {one["drive"] for one in found if one["presence"] == "online"}
+                    found = [drive for bus in await self.buses() for drive in self.responding(bus)]
+                    online |= {drive["drive"] for drive in found if drive["presence"] == "online"}
                     await asyncio.sleep(0.5)
 
     def responding(self, bus: Json) -> list[Json]:
@@ -143,7 +143,7 @@ class _WebStops:
 
 def station_errors(plant: LoadedService, buses: Sequence[Json]) -> Counter[str]:
     """Return the errors of the responding stations since the plant started, by kind."""
-    return sum((Counter(one["errors"]) for bus in buses for one in plant.responding(bus)), Counter[str]())
+    return sum((Counter(drive["errors"]) for bus in buses for drive in plant.responding(bus)), Counter[str]())
 
 
 async def run_stop_load(plant: LoadedService, rounds: int, seed: str) -> list[TimedStop]:
@@ -164,7 +164,7 @@ async def main() -> None:
     many = await asyncio.gather(*(plant.stops(line, begun + seconds, seed) for line in plant.lines if seconds))
     ended, buses = time.monotonic(), await plant.buses()
     calls = [*(call for calls in many for call in calls), *await run_stop_load(plant, rounds, seed)]
-    file.write_text("".join(" ".join(map(str, one)) + "\n" for one in calls))  # noqa: ASYNC240  at the end
+    file.write_text("".join(" ".join(map(str, call)) + "\n" for call in calls))  # noqa: ASYNC240  at the end
     found = {
         "bound_s": max(bus["stop_bound_s"] for bus in buses),
         "occupied_percent": min(bus["occupied_percent"] for bus in buses),

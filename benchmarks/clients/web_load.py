@@ -36,9 +36,9 @@ class WebClients:
         """Return the paths of the usual reads without end, every second one that of a single drive."""
         places = itertools.product(range(1, self._stations + 1), range(self._lines))
         for number, (address, line) in enumerate(itertools.cycle(places), first):
-            one = f"/api/v1/drives/{drive_id(line, address)}"
+            path = f"/api/v1/drives/{drive_id(line, address)}"
             others = "/api/v1/plant", f"/api/v1/buses/line-{line}", "/api/v1/drives", "/api/v1/alarms", "/api/v1/groups"
-            yield one if number % 2 else others[number // 2 % len(others)]
+            yield path if number % 2 else others[number // 2 % len(others)]
 
     async def request_periodically(self, first: int, period_s: float, phase_s: float) -> None:
         connection = PlainHttpConnection(self.port)

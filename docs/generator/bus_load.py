@@ -32,7 +32,7 @@ def _row(model: str) -> list[str]:
     profile = profiles.load(model)
     settings = SerialSettings.parse(profile.serial.baud, profile.serial.format)
     found = [estimate_bus_load(_plan(profile, count), settings) for count in COUNTS]
-    loads = [f"{one.load_percent:.0f} %" for one in found]
+    loads = [f"{load.load_percent:.0f} %" for load in found]
     bound_s = max(drive.stop_bound_s for drive in found[-1].drives.values())
     return [
         f"`{model}`",
@@ -48,6 +48,9 @@ def _plan(profile: profiles.DriveProfile, count: int) -> list[tuple[object, list
     addresses = [address for address in range(max(low, 1), high + 1) if address != profile.broadcast][:count]
     dialects = [create_dialect(profile, address) for address in addresses]
     return [
-        (one.station_config, [Poll(request, PERIOD_S) for request in one.state_reads() or (one.echo_test_read(),)])
-        for one in dialects
+        (
+            dialect.station_config,
+            [Poll(request, PERIOD_S) for request in dialect.state_reads() or (dialect.echo_test_read(),)],
+        )
+        for dialect in dialects
     ]

@@ -79,7 +79,7 @@ def collision_table(language: str) -> str:
             (
                 f"{register:04X}H",
                 f"{word:04X}H",
-                *(i18n.join(sorted(one), "items", language) for one in (stops, starts)),
+                *(i18n.join(sorted(names), "items", language) for names in (stops, starts)),
             )
             for (register, word), (stops, starts) in sorted(rows.items())
         ],

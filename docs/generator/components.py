@@ -86,7 +86,11 @@ def _licence_of_package(name: str) -> str:
         return _LICENCES_FOR_OTHER_PLATFORMS[name]
     if expression := found.get("License-Expression"):
         return expression
-    (licence,) = (_CLASSIFIED_LICENCES[one] for one in found.get_all("Classifier", []) if one.startswith("License ::"))
+    (licence,) = (
+        _CLASSIFIED_LICENCES[classifier]
+        for classifier in found.get_all("Classifier", [])
+        if classifier.startswith("License ::")
+    )
     return licence
 
 

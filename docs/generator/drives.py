@@ -20,7 +20,7 @@ def shipped() -> tuple[DriveProfile, ...]:
     The makers of the models with a protocol page come first, and these models first among those of their maker.
     """
     package = profiles.load("c320").source.rsplit("/", 4)[0]
-    found = [one for one in map(profiles.load, profiles.models()) if one.source.startswith(package)]
+    found = [profile for profile in map(profiles.load, profiles.models()) if profile.source.startswith(package)]
     makers = [profiles.load(name).maker.en for name in MODELS_WITH_PAGE]
 
     def place(profile: DriveProfile) -> tuple[int, str, bool, str]:
@@ -33,7 +33,7 @@ def shipped() -> tuple[DriveProfile, ...]:
 
 def makers_table(language: str) -> str:
     """Return the table of the makers, with their models by grade."""
-    grades = [grade for grade in reversed(GRADES) if any(one.grade == grade for one in shipped())]
+    grades = [grade for grade in reversed(GRADES) if any(profile.grade == grade for profile in shipped())]
     by_maker: dict[str, dict[str, list[str]]] = {}
     for profile in shipped():
         models = by_maker.setdefault(localized(profile.maker, language), {grade: [] for grade in grades})
@@ -49,7 +49,9 @@ def makers_table(language: str) -> str:
 def models_table(found: Iterable[DriveProfile], language: str, link: Callable[[DriveProfile], str]) -> str:
     """Return the table of models with what distinguishes them; ``link`` makes the first cell of a row."""
     heads = ("model", "maker", "encodings", "line", "addresses", "lacks", "grade")
-    return terms.table([term(head, language) for head in heads], (_row(one, language, link(one)) for one in found))
+    return terms.table(
+        [term(head, language) for head in heads], (_row(profile, language, link(profile)) for profile in found)
+    )
 
 
 def model_link(profile: DriveProfile, language: str, folder: str) -> str:
@@ -62,7 +64,7 @@ def related_models(profile: DriveProfile, language: str) -> str:
     """Return the table of a profile and of the models that share its maker's protocol; Modbus is no such protocol."""
     is_shared = profile.family != "modbus"
     same = (other for other in shipped() if other is profile or (is_shared and other.family == profile.family))
-    return models_table(same, language, lambda one: f"`{one.model}`")
+    return models_table(same, language, lambda other: f"`{other.model}`")
 
 
 def _row(profile: DriveProfile, language: str, model: str) -> list[str]:

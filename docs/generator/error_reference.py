@@ -47,19 +47,19 @@ def _tree(parent: type[DrivebusError]) -> Iterator[type[DrivebusError]]:
 
 def page(language: str) -> str:
     found = raised(Path(errors.__file__).parent)
-    return "\n".join(part for one in classes() for part in _entry(one, found.get(one.__name__, set()), language))
+    return "\n".join(part for error in classes() for part in _entry(error, found.get(error.__name__, set()), language))
 
 
-def _entry(one: type[DrivebusError], keys: set[str], language: str) -> Iterator[str]:
-    parents = " → ".join(base.__name__ for base in reversed(one.__mro__) if issubclass(base, DrivebusError))
-    yield f"## {one.__name__}\n"
+def _entry(error: type[DrivebusError], keys: set[str], language: str) -> Iterator[str]:
+    parents = " → ".join(base.__name__ for base in reversed(error.__mro__) if issubclass(base, DrivebusError))
+    yield f"## {error.__name__}\n"
     yield f"`{parents}`\n"
-    text = " ".join((one.__doc__ or "").split()).replace("``", "`")
-    yield (text if language == "en" else CHINESE[one.__name__]) + "\n"
+    text = " ".join((error.__doc__ or "").split()).replace("``", "`")
+    yield (text if language == "en" else CHINESE[error.__name__]) + "\n"
     row = (
-        localized(SCOPES[str(one.scope)], language),
-        localized(YES if one.retryable else NO, language),
-        int(exit_code_of(one("errors"))),
+        localized(SCOPES[str(error.scope)], language),
+        localized(YES if error.retryable else NO, language),
+        int(exit_code_of(error("errors"))),
     )
     yield table([localized(HEADS[name], language) for name in ("scope", "again", "exit")], [row])
     if keys:
@@ -74,7 +74,7 @@ def _sentence(key: str, language: str) -> str:
 @cache
 def raised(folder: Path) -> dict[str, set[str]]:
     """Return error class → message keys with which the code raises it."""
-    names = {one.__name__ for one in classes()}
+    names = {error.__name__ for error in classes()}
     found: dict[str, set[str]] = {}
     for file in sorted(folder.rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_bytes())):

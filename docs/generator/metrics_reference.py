@@ -24,11 +24,11 @@ def _table(metrics: Sequence[Metric], language: str) -> str:
     heads = [term("name", language), localized(HEADS["kind"], language), localized(HEADS["labels"], language)]
     rows = [
         (
-            f"`{one.full_name}`",
-            localized(KINDS[one.kind], language),
-            " ".join(f"`{label}`" for label in one.labels),
-            one.text(language),
+            f"`{metric.full_name}`",
+            localized(KINDS[metric.kind], language),
+            " ".join(f"`{label}`" for label in metric.labels),
+            metric.text(language),
         )
-        for one in metrics
+        for metric in metrics
     ]
     return table([*heads, term("meaning", language)], rows)

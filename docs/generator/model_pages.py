@@ -82,6 +82,6 @@ def index(found: Iterable[DriveProfile], language: str) -> str:
     """Return the page with the table of all models."""
     title = "Drive models" if language == "en" else "变频器型号"
     switch = "[中文](README.zh.md)" if language == "en" else "[English](README.md)"
-    by_maker = sorted(found, key=lambda one: (one.maker.en, one.model))
-    rows = drives.models_table(by_maker, language, lambda one: drives.model_link(one, language, ""))
+    by_maker = sorted(found, key=lambda profile: (profile.maker.en, profile.model))
+    rows = drives.models_table(by_maker, language, lambda profile: drives.model_link(profile, language, ""))
     return f"# {title}\n\n{switch}\n\n{term('models_by_maker', language)}\n\n{rows}"

@@ -75,7 +75,7 @@ def _each(found: Mapping[str, Any]) -> Mapping[str, Any] | None:
 def _resolved(found: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return a schema without references and without the null of optional keys."""
     if "anyOf" in found:
-        kinds = [one for one in found["anyOf"] if one.get("type") != "null"]
+        kinds = [option for option in found["anyOf"] if option.get("type") != "null"]
         return _resolved(kinds[0]) if len(kinds) == 1 else found
     if "$ref" in found:
         return _resolved(_SCHEMA["$defs"][found["$ref"].rpartition("/")[2]])
@@ -103,13 +103,18 @@ def _table(header: str, path: tuple[str, ...], found: Mapping[str, Any], languag
     each = _each(_resolved(found))
     needed = set(_resolved(found if each is None else each).get("required", ()))
     rows = [
-        (f"`{name}`", _values(one, language), _default(name, one, needed, language), paragraph((*path, name), language))
-        for name, one in inner.items()
+        (
+            f"`{name}`",
+            _values(schema, language),
+            _default(name, schema, needed, language),
+            paragraph((*path, name), language),
+        )
+        for name, schema in inner.items()
     ]
     yield table(heads, rows)
-    for name, one in inner.items():
-        if _properties(one):
-            yield from _table(f"{header[:-1]}.{name}]", (*path, name), one, language)
+    for name, schema in inner.items():
+        if _properties(schema):
+            yield from _table(f"{header[:-1]}.{name}]", (*path, name), schema, language)
 
 
 def paragraph(path: tuple[str, ...], language: str) -> str:
@@ -118,27 +123,27 @@ def paragraph(path: tuple[str, ...], language: str) -> str:
 
 
 def _values(found: Mapping[str, Any], language: str) -> str:
-    one = _resolved(found)
-    if "enum" in one:
-        return i18n.join((f"`{value}`" for value in one["enum"]), "items", language)
-    if "anyOf" in one:
+    schema = _resolved(found)
+    if "enum" in schema:
+        return i18n.join((f"`{value}`" for value in schema["enum"]), "items", language)
+    if "anyOf" in schema:
         return localized(_KINDS["setting"], language)
-    if _is_title(one):
+    if _is_title(schema):
         return localized(_KINDS["title"], language)
-    kind = localized(_KINDS[one["type"]], language)
-    if one["type"] == "array":
-        return f"{kind}{colon(language)}{_values(one['items'], language)}"
-    each = _each(one)
+    kind = localized(_KINDS[schema["type"]], language)
+    if schema["type"] == "array":
+        return f"{kind}{colon(language)}{_values(schema['items'], language)}"
+    each = _each(schema)
     if each is not None:
         return f"{kind}{colon(language)}{_values(each, language)}"
-    return f"{kind} {_range(one)}".rstrip()
+    return f"{kind} {_range(schema)}".rstrip()
 
 
-def _range(one: Mapping[str, Any]) -> str:
-    low, high = one.get("minimum", one.get("exclusiveMinimum")), one.get("maximum")
+def _range(schema: Mapping[str, Any]) -> str:
+    low, high = schema.get("minimum", schema.get("exclusiveMinimum")), schema.get("maximum")
     if low is None and high is None:
         return ""
-    above = "> " if "exclusiveMinimum" in one else ""
+    above = "> " if "exclusiveMinimum" in schema else ""
     return f"{above}{low:.12g} … {high:.12g}" if high is not None else f"≥ {low:.12g}"
 
 

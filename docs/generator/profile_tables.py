@@ -84,7 +84,7 @@ def _setpoint_step(profile: DriveProfile) -> str:
 
 
 def _marked(choices: Iterable[object], factory: object, language: str) -> str:
-    return i18n.join((f"**{one}**" if one == factory else str(one) for one in choices), "items", language)
+    return i18n.join((f"**{choice}**" if choice == factory else str(choice) for choice in choices), "items", language)
 
 
 def keypad(profile: DriveProfile, language: str) -> str:
@@ -119,7 +119,7 @@ def _step(entry: Signal | Parameter, language: str) -> str:
 
 def parameters(profile: DriveProfile, language: str) -> str:
     """Return the parameters, and behind them those whose address the manual does not give."""
-    unplaced = [one.parameter for _, one in sorted(profile.unplaced.items())]
+    unplaced = [entry.parameter for _, entry in sorted(profile.unplaced.items())]
     heads = ["notation", "meaning", "step", "values", "factory", "source"]
     made = table([term(head, language) for head in heads], _parameter_rows(profile.parameters.values(), language))
     if not unplaced:

@@ -42,9 +42,9 @@ def public_names() -> Iterator[tuple[str, list[tuple[str, Any]], list[str]]]:
     known: list[Any] = []
     for module in MODULES:
         found = {name: getattr(import_module(module), name) for name in import_module(module).__all__}
-        again = [name for name, one in found.items() if any(one is other for other in known)]
+        again = [name for name, item in found.items() if any(item is other for other in known)]
         known += found.values()
-        yield module, [(name, one) for name, one in found.items() if name not in again], again
+        yield module, [(name, item) for name, item in found.items() if name not in again], again
 
 
 def _sections(language: str) -> Iterator[str]:
@@ -55,25 +55,25 @@ def _sections(language: str) -> Iterator[str]:
                 localized(ALSO, language).format(names=i18n.join((f"`{name}`" for name in again), "items", language))
                 + "\n"
             )
-        for name, one in names:
-            yield f"### `{module}.{name}`\n\n```python\n{_heading(name, one)}\n```\n\n{_description(one, language)}\n"
-            if inspect.isclass(one):
-                yield from _members(one, language)
+        for name, item in names:
+            yield f"### `{module}.{name}`\n\n```python\n{_heading(name, item)}\n```\n\n{_description(item, language)}\n"
+            if inspect.isclass(item):
+                yield from _members(item, language)
 
 
-def _members(one: type, language: str) -> Iterator[str]:
-    fallback, stop = DOCUMENTED_BY.get(one), colon(language)
+def _members(class_: type, language: str) -> Iterator[str]:
+    fallback, stop = DOCUMENTED_BY.get(class_), colon(language)
     lines = [
         f"- `{_member(name, found)}`{stop}{_description(_function(found), language, getattr(fallback, name, None))}"
-        for name, found in members(one).items()
+        for name, found in members(class_).items()
     ]
     if lines:
         yield "\n".join(lines) + "\n"
 
 
-def members(one: type) -> dict[str, Any]:
+def members(class_: type) -> dict[str, Any]:
     """Return public methods and properties, also those of base classes of the package."""
-    ours = [base for base in one.__mro__ if base.__module__.startswith("drivebus")]
+    ours = [base for base in class_.__mro__ if base.__module__.startswith("drivebus")]
     kinds = (property, classmethod, staticmethod)
     return {
         name: found
@@ -115,15 +115,15 @@ def _member(name: str, found: Any) -> str:
     return _call(name, _node(_function(found)), bound=not isinstance(found, staticmethod))
 
 
-def _heading(name: str, one: Any) -> str:
+def _heading(name: str, item: Any) -> str:
     """Return the signature of an object: a call, the fields of a dataclass, or the members of an enum."""
-    if not inspect.isclass(one):
-        return _call(name, _node(one))
-    if issubclass(one, Enum):
+    if not inspect.isclass(item):
+        return _call(name, _node(item))
+    if issubclass(item, Enum):
         return "\n".join(
-            [f"class {name}", *(f"    {word} = {found.value!r}" for word, found in one.__members__.items())]
+            [f"class {name}", *(f"    {word} = {found.value!r}" for word, found in item.__members__.items())]
         )
-    body = _class(one).body
+    body = _class(item).body
     constructor = next((line for line in body if isinstance(line, ast.FunctionDef) and line.name == "__init__"), None)
     if constructor is not None:
         return _call(name, constructor, bound=True)
@@ -147,7 +147,7 @@ def _node(function: Callable[..., Any]) -> Function:
     return found
 
 
-def _class(one: type) -> ast.ClassDef:
-    found = ast.parse(textwrap.dedent(inspect.getsource(one))).body[0]
+def _class(class_: type) -> ast.ClassDef:
+    found = ast.parse(textwrap.dedent(inspect.getsource(class_))).body[0]
     assert isinstance(found, ast.ClassDef)
     return found

@@ -52,7 +52,9 @@ def _errors(language: str) -> str:
 
 def _exempt(language: str) -> str:
     """Return the table of routes that are no operations: files of the page, live values."""
-    operations = {(one.method, one.url_path) for one in (*OPERATIONS.values(), *WEB_OPERATIONS.values())}
+    operations = {
+        (operation.method, operation.url_path) for operation in (*OPERATIONS.values(), *WEB_OPERATIONS.values())
+    }
     rows = [
         (f"`{route.method} {route.path}`", f"`{route.access}`")
         for route in declared_routes()
@@ -99,9 +101,9 @@ def _rows(operation: Operation, language: str) -> Iterator[list[str]]:
 
 def _value(schema: Json, language: str) -> str:
     """Return type, range and default of a parameter in the words of JSON Schema, which need no translation."""
-    options = [one for one in schema.get("anyOf", ()) if one.get("type") != "null"]
+    options = [option for option in schema.get("anyOf", ()) if option.get("type") != "null"]
     found = (options[0] if options else {}) | {name: value for name, value in schema.items() if name != "anyOf"}
-    listed = i18n.join((f'`"{one}"`' for one in found.get("enum", ())), "items", language)
+    listed = i18n.join((f'`"{value}"`' for value in found.get("enum", ())), "items", language)
     words = [listed or str(found.get("type", ""))]
     words += [f"{sign} {found[name]:g}" for name, sign in (("minimum", "≥"), ("maximum", "≤")) if name in found]
     if "items" in found:

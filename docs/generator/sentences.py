@@ -117,7 +117,7 @@ def _without_names(sentence: str) -> str:
 
 def _proof_cell(key: str, root: Path, language: str) -> str:
     campaign = localized(CAMPAIGN, language)
-    links = [campaign if one.file.startswith("verification/") else _link(one) for one in proofs(root)[key]]
+    links = [campaign if proof.file.startswith("verification/") else _link(proof) for proof in proofs(root)[key]]
     return i18n.join(list(dict.fromkeys(links))[:MOST_LINKS], "items", language)
 
 
@@ -153,7 +153,9 @@ def proofs(root: Path) -> dict[str, list[Proof]]:
 def _page_tests(key: str, literals: Mapping[str, list[Proof]]) -> list[Proof]:
     """Return the tests of the page that name one of its sentences: they leave out the first part of the key."""
     catalogue, _, name = key.partition(".")
-    return [one for one in literals.get(name, []) if catalogue == "page" and one.file.startswith(PAGE_TESTS)]
+    return [
+        literal for literal in literals.get(name, []) if catalogue == "page" and literal.file.startswith(PAGE_TESTS)
+    ]
 
 
 def is_wording(words: str) -> bool:
