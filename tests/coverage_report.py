@@ -43,15 +43,15 @@ def main() -> int:
     return int(bool(missing))
 
 
-def summary(one: dict[str, Any]) -> dict[str, Any]:
-    counted = one["summary"]
+def summary(document: dict[str, Any]) -> dict[str, Any]:
+    counted = document["summary"]
     made = {
         "statements": counted["num_statements"],
         "branches": counted["num_branches"],
         "missing_statements": counted["missing_lines"],
         "missing_branches": counted["missing_branches"],
     }
-    missing = [*one.get("missing_lines", ()), *one.get("missing_branches", ())]
+    missing = [*document.get("missing_lines", ()), *document.get("missing_branches", ())]
     return made | ({"missing": missing} if missing else {})
 
 

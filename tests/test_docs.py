@@ -155,10 +155,10 @@ def sections(page: Path) -> dict[str, str]:
     return dict(zip(parts[1::2], parts[2::2], strict=True))
 
 
-def own_members(one: type) -> set[str]:
+def own_members(class_: type) -> set[str]:
     """Return public methods and properties of a class and of its bases in the package."""
     kinds = (FunctionType, property)
-    found = {name: inspect.getattr_static(one, name) for name in dir(one) if not name.startswith("_")}
+    found = {name: inspect.getattr_static(class_, name) for name in dir(class_) if not name.startswith("_")}
     plain = {name: getattr(value, "__func__", value) for name, value in found.items()}
     members = {name: getattr(value, "fget", None) or value for name, value in plain.items() if isinstance(value, kinds)}
     return {
@@ -176,14 +176,14 @@ def test_every_public_python_name_has_its_paragraph(suffix: str) -> None:
     missing = []
     for module in MODULES:
         for name in import_module(module).__all__:
-            one = getattr(import_module(module), name)
-            if any(one is other for other in done):
+            item = getattr(import_module(module), name)
+            if any(item is other for other in done):
                 continue
-            done.append(one)
+            done.append(item)
             section = described.get(f"{module}.{name}", "")
             paragraph = re.search(r"```\n\n(\S.*)", section)
             missing += [f"{module}.{name}"] if paragraph is None else []
-            members = own_members(one) if isinstance(one, type) else set()
+            members = own_members(item) if isinstance(item, type) else set()
             missing += [
                 f"{module}.{name}.{m}"
                 for m in members

@@ -77,8 +77,8 @@ def test_a_motor_draws_current_only_while_it_runs() -> None:
 def shift(bus: int, drive: int) -> tuple[DriveConfig, DriveProfile, HistoryGenerator, list[Sample]]:
     history = generator(bus, drive)
     made, profile = BUSES[bus], profiles.load(BUSES[bus].model)
-    one = made.drives[drive]
-    setting = DriveConfig(id=one.key, bus=made.name, address=one.address, model=made.model, title=Text("Fan", "风机"))
+    fan = made.drives[drive]
+    setting = DriveConfig(id=fan.key, bus=made.name, address=fan.address, model=made.model, title=Text("Fan", "风机"))
     return setting, profile, history, list(history.samples())
 
 

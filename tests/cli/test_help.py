@@ -207,8 +207,8 @@ def test_no_option_type_of_click_can_reject_a_value() -> None:
     assert refusing == set()
 
 
-def _accepts_every_path(one: object) -> bool:
-    return isinstance(one, click.Path) and one.file_okay and one.dir_okay and not one.exists
+def _accepts_every_path(type_: object) -> bool:
+    return isinstance(type_, click.Path) and type_.file_okay and type_.dir_okay and not type_.exists
 
 
 def _has_loopback(profile: DriveProfile) -> bool:

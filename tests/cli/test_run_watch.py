@@ -27,10 +27,10 @@ def status(
 
 def remarks(watch: RunWatch, *shown: DriveStatus, period_s: float = 0.5) -> list[str]:
     found = []
-    for turn, one in enumerate(shown):
+    for turn, status in enumerate(shown):
         now = 100.0 + turn * period_s
-        readings = {name: replace(reading, source_time=now) for name, reading in one.readings.items()}
-        found += watch.update(replace(one, readings=readings), now)
+        readings = {name: replace(reading, source_time=now) for name, reading in status.readings.items()}
+        found += watch.update(replace(status, readings=readings), now)
     return [remark.key for remark in found]
 
 

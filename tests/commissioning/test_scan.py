@@ -124,10 +124,10 @@ def test_a_drive_at_a_baud_rate_that_its_manual_does_not_have_is_found_at_the_li
     assert [(one.models[0], one.address, str(one.settings)) for one in found] == [(model, 8, "38400 8E1")]
     assert progress.done_s < LIKELY_LIMIT_S
     documented = profiles.load(model).serial.bauds
-    for one in plan(model):
-        assert one.is_documented is (one.settings.baud in documented), one.settings
-        assert one.is_documented or (one.is_likely and max(one.addresses) == 8), one.settings
-    assert {one.settings.baud for one in plan(model, bauds=(2400,))} == {2400}
+    for part in plan(model):
+        assert part.is_documented is (part.settings.baud in documented), part.settings
+        assert part.is_documented or (part.is_likely and max(part.addresses) == 8), part.settings
+    assert {part.settings.baud for part in plan(model, bauds=(2400,))} == {2400}
 
 
 def test_the_settings_of_the_manuals_are_tried_before_the_other_likely_ones() -> None:
@@ -185,9 +185,9 @@ def test_factory_settings_are_tried_first() -> None:
 
 
 def test_the_broadcast_address_is_never_probed() -> None:
-    for one in plan():
-        broadcasts = {candidate.profile.broadcast for candidate in one.candidates}
-        assert not broadcasts & set(one.addresses)
+    for part in plan():
+        broadcasts = {candidate.profile.broadcast for candidate in part.candidates}
+        assert not broadcasts & set(part.addresses)
 
 
 @pytest.mark.parametrize("model", profiles.models())
@@ -412,8 +412,8 @@ def test_a_probe_waits_for_the_slowest_model_searched_for() -> None:
     """A DF800 may take 100 ms; the probe of the VC660 before it waited for 24 ms."""
     settings = SerialSettings.parse(9600, "8N1")
     [both] = plan("vc660", "df800", addresses=(1,), encodings=("rtu",), fixed=settings)
-    [one] = plan("df800", addresses=(1,), fixed=settings, encodings=("rtu",))
-    assert both.duration_s == pytest.approx(one.duration_s, rel=0.01)
+    [alone] = plan("df800", addresses=(1,), fixed=settings, encodings=("rtu",))
+    assert both.duration_s == pytest.approx(alone.duration_s, rel=0.01)
     dialect = create_dialect(profiles.load("vc660"), 1, encoding="rtu")
     assert both.station_config(dialect).timing.reply_delay_s == profiles.load("df800").timing.reply_delay_s
 
@@ -622,8 +622,8 @@ def test_a_model_that_fits_only_partly_is_not_named_without_doubt() -> None:
 
 def test_the_announced_time_of_a_device_that_answers_is_kept() -> None:
     """It is asked for every model."""
-    [one] = default_plan(addresses=(2,), encoding="rtu", bauds=(9600,), formats=("8N1",))[:1]
-    assert one.candidates[0].profile.family == "modbus"
+    [likely] = default_plan(addresses=(2,), encoding="rtu", bauds=(9600,), formats=("8N1",))[:1]
+    assert likely.candidates[0].profile.family == "modbus"
     link = "sim://vc660@2?drives=9600-8N1&baud=9600&format=8N1&name=announced"
     seconds = scan_9600(tuple(profiles.models()), link, [2], encodings=["rtu"])[1]
-    assert seconds <= scan_plan.device_duration_s(one) + one.duration_s < 6
+    assert seconds <= scan_plan.device_duration_s(likely) + likely.duration_s < 6

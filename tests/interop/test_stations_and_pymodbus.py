@@ -43,11 +43,11 @@ async def client(
     framer = FramerType(encoding)
     if way == "pty":
         async with serve_on_pty(made) as path:
-            one = AsyncModbusSerialClient(
+            serial = AsyncModbusSerialClient(
                 path, framer=framer, baudrate=made.settings.baud, retries=0, timeout=timeout_s, reconnect_delay=0
             )
-            async with _connected(one):
-                yield one
+            async with _connected(serial):
+                yield serial
     else:
         async with (
             serve_on_tcp(made) as server,
@@ -55,18 +55,18 @@ async def client(
                 AsyncModbusTcpClient(
                     server.host, port=server.port, framer=framer, retries=0, timeout=timeout_s, reconnect_delay=0
                 )
-            ) as two,
+            ) as tcp,
         ):
-            yield two
+            yield tcp
 
 
 @asynccontextmanager
-async def _connected(one: Any) -> AsyncIterator[Any]:
-    assert await one.connect()
+async def _connected(peer: Any) -> AsyncIterator[Any]:
+    assert await peer.connect()
     try:
-        yield one
+        yield peer
     finally:
-        one.close()
+        peer.close()
 
 
 @pytest.mark.parametrize(("model", "encoding", "way"), WAYS)

@@ -176,14 +176,14 @@ def recorded(path: Path, frames: list[ConversationFrame], seed: int) -> Path:
     """Write the capture of a conversation; half of the replies come in two pieces."""
     chance = Random(seed)
     writer = CaptureWriter(path, CaptureHeader(SerialSettings(115200), "generated", STARTED, "test"), now=0.0)
-    for one in frames:
-        at = one.time_us / 1e6
-        if one.request is None or chance.random() < 0.5:
-            writer.write_bytes(at, "tx" if one.request is None else "rx", one.data)
+    for frame in frames:
+        at = frame.time_us / 1e6
+        if frame.request is None or chance.random() < 0.5:
+            writer.write_bytes(at, "tx" if frame.request is None else "rx", frame.data)
         else:
-            cut = chance.randrange(1, len(one.data))
-            writer.write_bytes(at, "rx", one.data[:cut])
-            writer.write_bytes(at + 0.004, "rx", one.data[cut:])
+            cut = chance.randrange(1, len(frame.data))
+            writer.write_bytes(at, "rx", frame.data[:cut])
+            writer.write_bytes(at + 0.004, "rx", frame.data[cut:])
     writer.close()
     return path
 
@@ -329,32 +329,32 @@ def line(tmp_path_factory: pytest.TempPathFactory) -> TsharkComparison:
 def test_the_generated_conversation_covers_all_functions_exceptions_and_damage(line: TsharkComparison) -> None:
     """Every function has requests, replies, exceptions, and damaged frames on both sides."""
     requests, replies, refusals = Counter[int](), Counter[int](), Counter[int]()
-    for one, _ in line:
-        if one.whole:
-            refused = one.data[1] & 0x80
-            (requests if one.request is None else refusals if refused else replies)[one.data[1] & 0x7F] += 1
+    for frame, _ in line:
+        if frame.whole:
+            refused = frame.data[1] & 0x80
+            (requests if frame.request is None else refusals if refused else replies)[frame.data[1] & 0x7F] += 1
     for each in (requests, replies, refusals):
         assert set(each) == {1, 2, 3, 4, 5, 6, 8, 15, 16} and min(each.values()) > 40
-    broken = Counter(one.request is None for one in line.frames if not one.whole)
+    broken = Counter(frame.request is None for frame in line.frames if not frame.whole)
     assert min(broken[True], broken[False]) > 150
-    assert sum(one.data[0] == 0 for one in line.frames) > 50
+    assert sum(frame.data[0] == 0 for frame in line.frames) > 50
 
 
-def padding(one: ConversationFrame) -> int:
+def padding(frame: ConversationFrame) -> int:
     """Return the number of padding bits that tshark 4.0 shows in a reply whose last bit is number 65,535.
 
     Its bit numbers wrap to 0 there. Padding is not data (Modbus Application Protocol V1.1b3, 6.1).
     """
-    if not isinstance(one.request, ReadBits) or one.data[1] & 0x80:
+    if not isinstance(frame.request, ReadBits) or frame.data[1] & 0x80:
         return 0
-    return -one.request.count % 8 if one.request.register + one.request.count == 0x10000 else 0
+    return -frame.request.count % 8 if frame.request.register + frame.request.count == 0x10000 else 0
 
 
 def test_every_intact_frame_has_the_same_fields_for_tshark_and_for_our_decoder(line: TsharkComparison) -> None:
     different, padded = [], Counter[bool]()
-    for at, (one, row) in enumerate(line):
-        if one.whole:
-            shown, mine, more = fields_of_tshark(row), fields_of_drivebus(one), padding(one)
+    for at, (frame, row) in enumerate(line):
+        if frame.whole:
+            shown, mine, more = fields_of_tshark(row), fields_of_drivebus(frame), padding(frame)
             if more:
                 longer = shown["values"] == mine["values"] + [0] * more
                 padded[longer] += 1
@@ -366,16 +366,16 @@ def test_every_intact_frame_has_the_same_fields_for_tshark_and_for_our_decoder(l
 
 def test_tshark_and_our_decoder_refuse_the_same_frames(line: TsharkComparison) -> None:
     """The CRC is good for tshark exactly where our strict decoder accepts the frame."""
-    different = [one for one, row in line if (row["mbrtu.crc16.status"] == "1") != (decoded(one) is not None)]
+    different = [frame for frame, row in line if (row["mbrtu.crc16.status"] == "1") != (decoded(frame) is not None)]
     assert different == []
-    assert Counter(row["mbrtu.crc16.status"] for row in line.rows)["0"] == sum(not one.whole for one in line.frames)
+    assert Counter(row["mbrtu.crc16.status"] for row in line.rows)["0"] == sum(not frame.whole for frame in line.frames)
 
 
 def test_our_tolerant_reader_shows_the_same_station_and_function_of_a_damaged_frame(line: TsharkComparison) -> None:
-    for one, row in line:
-        if not one.whole:
-            way = "request" if one.request is None else "response"
-            fields = describe(one.data, "rtu", way).fields
+    for frame, row in line:
+        if not frame.whole:
+            way = "request" if frame.request is None else "response"
+            fields = describe(frame.data, "rtu", way).fields
             shown = {name: fields[name] for name in ("address", "function")}
             both = {"address": int(row["mbrtu.unit_id"]), "function": int(row["modbus.func_code"])}
             assert shown["address"] == both["address"]

@@ -86,9 +86,9 @@ def try_mutants(modules: list[str], tests: list[str], wanted: MutantFilter, jobs
     found, names = try_in_functions(modules, tests, wanted, jobs)
     again = [one for one in found if one.reloaded and one.verdict == SURVIVED]
     print(f"{len(found)} tried, {len(again)} to be reloaded", file=sys.stderr, flush=True)
-    for one in retry_reloaded(again, names, jobs):
-        if one.verdict == SURVIVED:
-            print(verdict_line(one), flush=True)
+    for mutant in retry_reloaded(again, names, jobs):
+        if mutant.verdict == SURVIVED:
+            print(verdict_line(mutant), flush=True)
     return found
 
 

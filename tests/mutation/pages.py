@@ -78,9 +78,9 @@ def rows(found: dict[str, Any]) -> list[str]:
     return [*made, _row("**all**", total, "")]
 
 
-def _row(name: str, one: dict[str, Any], commit: str) -> str:
-    left, share = one["mutants"] - one["killed"], 100 * one["killed"] / one["mutants"] if one["mutants"] else 100.0
-    counts = f"{one['mutants']} | {one['comparisons']} | {one['at_load']} | {one['killed']} | {left}"
+def _row(name: str, row: dict[str, Any], commit: str) -> str:
+    left, share = row["mutants"] - row["killed"], 100 * row["killed"] / row["mutants"] if row["mutants"] else 100.0
+    counts = f"{row['mutants']} | {row['comparisons']} | {row['at_load']} | {row['killed']} | {left}"
     return f"| {name} | {counts} | {share:.1f} | {commit} |"
 
 

@@ -155,19 +155,19 @@ def retried_document(found: list[JudgedMutant], version: str) -> dict[str, Any]:
     """
     old = json.loads(REPORT.read_text(encoding="utf-8"))
     made = mutation_document(found, version)
-    for module, one in made.items():
+    for module, row in made.items():
         before = old[module]
         if before["mutants"] != len(mutants(tree_of(module))):
             raise ValueError(f"{module} has other mutants than in {REPORT.name}: try it without --again")
-        killed = before["mutants"] - len(one["survivors"])
-        made[module] = before | {"commit": version, "killed": killed, "survivors": one["survivors"]}
+        killed = before["mutants"] - len(row["survivors"])
+        made[module] = before | {"commit": version, "killed": killed, "survivors": row["survivors"]}
     return made
 
 
-def unexplained_survivors(one: JudgedMutant) -> bool:
+def unexplained_survivors(judged: JudgedMutant) -> bool:
     """Return whether a mutant has no entry in reasons.json."""
-    mutant = mutants(tree_of(one.module))[one.number]
-    return key(one.module, mutant.scope, mutant.description()) not in json.loads(REASONS.read_text(encoding="utf-8"))
+    mutant = mutants(tree_of(judged.module))[judged.number]
+    return key(judged.module, mutant.scope, mutant.description()) not in json.loads(REASONS.read_text(encoding="utf-8"))
 
 
 def key(module: str, scope: str, change: str) -> str:
@@ -183,9 +183,9 @@ def write_document(made: dict[str, Any]) -> dict[str, Any]:
     old = json.loads(REPORT.read_text(encoding="utf-8")) if REPORT.exists() else {}
     reasons = json.loads(REASONS.read_text(encoding="utf-8"))
     reported = reported_modules()
-    found: dict[str, Any] = {module: one for module, one in sorted((old | made).items()) if module in reported}
-    for module, one in found.items():
-        for left in one["survivors"]:
+    found: dict[str, Any] = {module: row for module, row in sorted((old | made).items()) if module in reported}
+    for module, row in found.items():
+        for left in row["survivors"]:
             left["reason"] = reasons.get(key(module, left["scope"], left["change"]), left.get("reason", ""))
     REPORT.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     return found

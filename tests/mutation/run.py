@@ -134,8 +134,8 @@ def judge_in_order(started: Iterable[tuple[JudgedMutant, Wait]], jobs: int) -> I
         judged.reloaded = judged.reloaded or code == MUST_RELOAD
         return judged
 
-    for one in started:
-        running.append(one)
+    for mutant in started:
+        running.append(mutant)
         if len(running) >= jobs:
             yield finish_oldest()
     while running:

@@ -115,9 +115,9 @@ def test_the_pages_show_the_committed_figures_and_every_survivor_has_a_reason() 
     assert set(found) <= reported_modules(), "a row names a module that was moved, renamed or removed"
     for language, name in (("en", "mutation.md"), ("zh", "mutation.zh.md")):
         assert (REPORT.parent / name).read_text(encoding="utf-8") == pages.page(found, language)
-    for one in found.values():
-        assert one["mutants"] - one["killed"] == len(one["survivors"]) <= one["mutants"] / 10
-        assert all(left["reason"] for left in one["survivors"])
+    for row in found.values():
+        assert row["mutants"] - row["killed"] == len(row["survivors"]) <= row["mutants"] / 10
+        assert all(left["reason"] for left in row["survivors"])
 
 
 def test_every_reason_belongs_to_a_mutant() -> None:

@@ -121,10 +121,10 @@ def test_a_scrape_shows_the_plants_state_without_bus_requests() -> None:
                     of(found, "drive_state_age_seconds", drive=id) == (drive["time_ms"] - drive["state_time_ms"]) / 1000
                 )
                 assert of(found, "drive_fault_code", drive=id) == 0
-                good = [one for one in SIGNAL_METRICS if signals.get(one.signal, {}).get("quality") == "good"]
-                assert "output_frequency" in {one.signal for one in good}
-                for one in good:
-                    assert of(found, one.metric, drive=id) == signals[one.signal]["value"] * one.factor
+                good = [metric for metric in SIGNAL_METRICS if signals.get(metric.signal, {}).get("quality") == "good"]
+                assert "output_frequency" in {metric.signal for metric in good}
+                for metric in good:
+                    assert of(found, metric.metric, drive=id) == signals[metric.signal]["value"] * metric.factor
             assert of(found, "drive_output_frequency_hertz", drive="fan-1") == 20.0
             assert of(found, "drive_commanded_frequency_hertz", drive="fan-1") == 20.0
             assert of(found, "drive_commanded_frequency_hertz", drive="pump-1") is None
@@ -285,8 +285,8 @@ async def test_every_metric_of_the_table_is_scraped_and_every_label_is_bounded(t
             await asyncio.sleep(0.05)
         fan = message.drives[0]
         fan["commanded_hz"] = 5.0
-        for one in SIGNAL_METRICS:
-            fan["signals"][one.signal] = {"value": 1.5, "unit": one.unit, "quality": "good", "source_time_ms": 1}
+        for metric in SIGNAL_METRICS:
+            fan["signals"][metric.signal] = {"value": 1.5, "unit": metric.unit, "quality": "good", "source_time_ms": 1}
         message.plant["gateways"] = [
             {"id": "web", "running": True, "pid": 9, "starts": 2, "exit_code": -9},
             {"id": "toy", "running": False, "pid": None, "starts": 1, "exit_code": 1},

@@ -224,13 +224,13 @@ def replacements(value: Any, text: str) -> Iterator[Any]:
     if isinstance(value, str):
         yield text
     elif isinstance(value, list):
-        for index, one in enumerate(value):
-            yield from ([*value[:index], other, *value[index + 1 :]] for other in replacements(one, text))
+        for index, item in enumerate(value):
+            yield from ([*value[:index], other, *value[index + 1 :]] for other in replacements(item, text))
     elif isinstance(value, dict):
-        for name, one in value.items():
+        for name, member in value.items():
             rest = {key: other for key, other in value.items() if key != name}
-            yield rest | {text: one}
-            yield from (rest | {name: other} for other in replacements(one, text))
+            yield rest | {text: member}
+            yield from (rest | {name: other} for other in replacements(member, text))
 
 
 @pytest.mark.parametrize("text", ["a3\nfan-1 done", "a3\x1b[31m", "a3\u202e1-naf", "a3\u200b", "\u3164\u3164\u3164"])

@@ -290,13 +290,13 @@ def test_an_interval_in_milliseconds_is_a_warning_with_its_line_and_the_value_in
 ) -> None:
     """Regression: 500, meant as milliseconds, was accepted silently, and a lost drive looked current for 25 minutes."""
     found = plant(fan=keys).warnings
-    assert [(one.key, one.found.en) for one in found] == [(key, value) for key, value, *_ in expected]
-    for one, (key, value, seconds, valid) in zip(found, expected, strict=True):
-        text = one.text("en")
-        assert one.line == HEAD.split("[drive.fan]")[0].count("\n") + 2 and f"plant.toml:{one.line}" in text
+    assert [(warning.key, warning.found.en) for warning in found] == [(key, value) for key, value, *_ in expected]
+    for warning, (key, value, seconds, valid) in zip(found, expected, strict=True):
+        text = warning.text("en")
+        assert warning.line == HEAD.split("[drive.fan]")[0].count("\n") + 2 and f"plant.toml:{warning.line}" in text
         for part in (key, f"{value} milliseconds", f"write {seconds};", valid, "in seconds, at most 60"):
             assert part in text
-        assert f"{value} 毫秒" in one.text("zh")
+        assert f"{value} 毫秒" in warning.text("zh")
 
 
 def test_a_signal_that_its_model_reads_seldom_may_be_read_as_seldom() -> None:

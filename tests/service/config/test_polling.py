@@ -65,18 +65,18 @@ async def longest_gaps(setting: PlantConfig, seconds: float) -> dict[str, float]
     gaps: dict[str, float] = {}
     async with Bus(port) as bus:
         monitors: list[Monitor] = []
-        for one in setting.drives:
-            drive = Drive(bus, config.profile_of(one), one.address)
+        for each in setting.drives:
+            drive = Drive(bus, config.profile_of(each), each.address)
             name = min(config.bus_loads(setting)[0].drives[0].periods.items(), key=lambda item: item[1])[0]
             last: list[float] = []
 
-            def received(status: Any, id: str = one.id, name: str = name, last: list[float] = last) -> None:
+            def received(status: Any, id: str = each.id, name: str = name, last: list[float] = last) -> None:
                 at = status.readings[name].source_time
                 if at is not None and at not in last[-1:]:
                     gaps[id] = max(gaps.get(id, 0.0), at - last[-1]) if last else 0.0
                     last.append(at)
 
-            monitors.append(drive.monitor(tuple(one.signals) or None, received, one.min_poll_interval_s))
+            monitors.append(drive.monitor(tuple(each.signals) or None, received, each.min_poll_interval_s))
         await asyncio.sleep(seconds)
         for monitor in monitors:
             monitor.close()

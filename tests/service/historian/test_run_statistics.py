@@ -125,10 +125,10 @@ async def test_a_start_and_a_trip_are_saved_at_once_so_that_no_kill_loses_them(d
     async with database.historian() as historian:
         store = RunStatisticsStore(historian)
         await store.open()
-        for n, one in enumerate(
+        for n, status in enumerate(
             (view("stopped"), view("running"), view("fault", fault="E-3"), view("fault", fault="E-3"))
         ):
-            store.on_view(one, float(n), NOON_MS)
+            store.on_view(status, float(n), NOON_MS)
         stored = await _flushed_documents(historian)
         assert (stored["fan-1"]["starts"], stored["fan-1"]["faults"]) == (1, {"E-3": 1})
 

@@ -335,14 +335,14 @@ def test_the_socket_returns_the_same_errors_as_the_service_in_process(tmp_path: 
 def test_an_error_keeps_its_content_through_json() -> None:
     error = LimitError("drives.above_maximum", frequency_hz=99.0, limit_hz=50.0)
     inner = NotFound("plant.no_drive", id="x")
-    for one in (
+    for sent in (
         error,
         LimitError("drives.not_started", why=inner),
         InvalidParameters("plant.params", faults=[{"a": 1}]),
         StartInhibited("drives.state_forbids", state=DriveState.STOPPED, kind=CommandKind.RAMP_HOLD),
         StartInhibited("drives.turning", state=DriveState.DECELERATING, direction=Direction.REVERSE),
     ):
-        assert error_to_json(error_from_json(error_to_json(one))) == error_to_json(one)
+        assert error_to_json(error_from_json(error_to_json(sent))) == error_to_json(sent)
     unknown = error_to_json(error) | {"kind": "Exception"}
     assert error_to_json(error_from_json(unknown))["code"] == "drives.above_maximum"
 

@@ -482,9 +482,9 @@ def test_stop_all_reports_an_unknown_outcome_of_a_service_that_hangs_and_of_anot
 
     def answer(server: socket.socket) -> None:
         if reply:
-            with server.accept()[0] as one:
-                one.recv(100)
-                one.sendall(reply)
+            with server.accept()[0] as connection:
+                connection.recv(100)
+                connection.sendall(reply)
 
     with pytest.raises(StopUnconfirmed) as caught:
         request_stop()

@@ -103,9 +103,9 @@ def test_a_log_without_a_reader_blocks_nothing(monkeypatch: pytest.MonkeyPatch) 
         writer.close()
         ending[0]()
         reader.close()
-        for one, (handlers, level, propagate) in zip(loggers, before, strict=True):
-            one.handlers, one.propagate = handlers, propagate
-            one.setLevel(level)
+        for logger, (handlers, level, propagate) in zip(loggers, before, strict=True):
+            logger.handlers, logger.propagate = handlers, propagate
+            logger.setLevel(level)
 
 
 def test_messages_of_a_library_that_are_alike_do_not_fill_the_log() -> None:

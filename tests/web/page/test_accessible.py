@@ -201,10 +201,10 @@ def test_on_a_low_screen_the_stop_bar_leaves_the_room_to_the_page(
     page.reload()
     page.locator("[data-stop=drive]").wait_for()
     assert page.locator(".stopbar").bounding_box()["height"] <= 84
-    for one in page.locator(".stopbar .stop").all():
-        box = one.bounding_box()
+    for stop in page.locator(".stopbar .stop").all():
+        box = stop.bounding_box()
         assert box["height"] >= 44 and box["x"] + box["width"] <= size[0]
-        label = one.locator("b")
+        label = stop.locator("b")
         assert label.evaluate("one => one.scrollWidth - one.clientWidth") <= 0
     page.click("[data-stop=drive]")
     page.locator(".stop-status.good").wait_for()

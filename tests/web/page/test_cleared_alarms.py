@@ -204,14 +204,16 @@ def test_on_a_phone_the_strip_shows_the_whole_title_of_many_alarms(scripts: Any)
     page.goto(scripts.url)
     title = i18n.text("alarms.title.stop_unconfirmed", "en")
     assert page.evaluate(WHOLE, STRIP.replace("TITLE", title)) == [True, True, True]
-    one = STRIP.replace("<b>TITLE</b> · and the drives", f"Cooling tower 1: <b>{title}</b>").replace(" all 17", "")
+    of_one_drive = STRIP.replace("<b>TITLE</b> · and the drives", f"Cooling tower 1: <b>{title}</b>").replace(
+        " all 17", ""
+    )
     inside = """html => {
       document.body.innerHTML = html;
       const boxOf = (one) => document.querySelector(one).getBoundingClientRect();
       const [title, link, strip] = ['b', '.banner a', '.strip'].map((one) => boxOf(one).bottom);
       return title <= link + 1 && link <= strip;
     }"""
-    assert page.evaluate(inside, one.replace("414", "8")), "the title of one drive's alarm is cut off"
+    assert page.evaluate(inside, of_one_drive.replace("414", "8")), "the title of one drive's alarm is cut off"
     page.close()
 
 

@@ -81,9 +81,9 @@ def test_a_user_ends_another_session_and_this_one(visit: Any, expect: Any) -> No
         page.fill("dialog input", PASSWORD)
         page.locator("dialog button[type=submit]").click()
         page.locator("dialog").wait_for(state="detached")
-    for one in (page, lost):
-        expect(one.get_by_role("button", name=page_text("log_in"), exact=True)).to_be_visible()
-        expect(one.locator("[data-text=session-ended]")).to_contain_text(i18n.text("auth.closed.logout", "en"))
+    for tab in (page, lost):
+        expect(tab.get_by_role("button", name=page_text("log_in"), exact=True)).to_be_visible()
+        expect(tab.locator("[data-text=session-ended]")).to_contain_text(i18n.text("auth.closed.logout", "en"))
     log_in(lost, "operator")
     lost.get_by_role("button", name=page_text("log_out")).click()
     expect(lost.get_by_role("button", name=page_text("log_in"), exact=True)).to_be_visible()

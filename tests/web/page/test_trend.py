@@ -73,11 +73,10 @@ def test_an_uncertain_stretch_is_its_own_line_that_reaches_its_good_neighbours(s
 
 def test_two_tags_keep_their_own_moments_and_gaps(scripts: Any) -> None:
     """A moment at which only another tag was read is no gap (undefined), unless it is beside a gap (null)."""
-    one = {"t": [0, 2000], "min": [1, 2], "mean": [1, 2], "max": [1, 2], "q": [0, 0]}
-    other = {"t": [1000, 2000], "min": [None, 5], "mean": [None, 5], "max": [None, 5], "q": [2, 0]}
-    call = (
-        f"m.table(['a', 'b'], {json.dumps({'a': one, 'b': other})}).map(c => c.map(v => v === undefined ? 'none' : v))"
-    )
+    first = {"t": [0, 2000], "min": [1, 2], "mean": [1, 2], "max": [1, 2], "q": [0, 0]}
+    second = {"t": [1000, 2000], "min": [None, 5], "mean": [None, 5], "max": [None, 5], "q": [2, 0]}
+    columns = f"m.table(['a', 'b'], {json.dumps({'a': first, 'b': second})})"
+    call = f"{columns}.map(c => c.map(v => v === undefined ? 'none' : v))"
     found = module(scripts, "columns", call)
     assert found[0] == [0, 1000, 2000]
     assert found[3] == [1, "none", 2] and found[7] == [None, None, 5]

@@ -496,8 +496,8 @@ def accepted_by(found: BoundedListener) -> list[socket.socket]:
 
 
 def close_all(*sockets: socket.socket) -> None:
-    for one in sockets:
-        one.close()
+    for each in sockets:
+        each.close()
 
 
 def test_connections_beyond_the_limit_are_closed_as_soon_as_they_are_accepted(few_connections: BoundedListener) -> None:
@@ -592,8 +592,8 @@ def test_without_free_descriptors_waiting_connections_are_closed(few_connections
         assert accepted_by(few_connections) == []
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, before)
-        for one in fillers:
-            os.close(one)
+        for filler in fillers:
+            os.close(filler)
     for refused in clients:
         refused.settimeout(5)
         assert refused.recv(1) == b""

@@ -79,12 +79,12 @@ def test_an_ended_credential_closes_with_a_reason_and_disconnects_the_route(acce
         assert got == [{"type": "websocket.receive", "text": "a"}, GONE, GONE]
         *text, closed = line.sent[len(before) :]
         assert closed == {"type": "websocket.close", "code": 4401, "reason": "expired"}
-        assert [one["type"] for one in text] == ["websocket.send"] * accepted
-        for one in text:
-            report = json.loads(one["text"])
+        assert [message["type"] for message in text] == ["websocket.send"] * accepted
+        for message in text:
+            report = json.loads(message["text"])
             assert report == {"type": "closed", "reason": "expired", "text": localized("auth.closed.expired")}
             assert report["text"]["en"] != "auth.closed.expired"
-            assert "\\u" not in one["text"], "as short as it can be"
+            assert "\\u" not in message["text"], "as short as it can be"
 
     run(scenario(), max_s=60.0)
 
