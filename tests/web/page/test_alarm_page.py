@@ -177,12 +177,7 @@ def test_the_dialog_and_the_record_of_a_shelved_bus_alarm_name_the_bus(
 def test_no_line_of_a_past_alarm_ends_within_a_date(stage: Stage, visit: Any, expect: Any) -> None:
     """Regression: "acknowledged by engineer, 2026-11-" stood in one line and "30 02:05:45" in the next."""
     trip(stage, "pump-2")
-
-    def raised() -> list[Any]:
-        return [alarm for alarm in stage.call("alarms.list")["active"] if alarm["drive"] == "pump-2"]
-
-    stage.wait(lambda: len(raised()) > 0, "no alarm")
-    for alarm in raised():
+    for alarm in stage.uncleared_faults():
         stage.call("alarm.acknowledge", alarm=alarm["id"])
     page = visit("#/alarms")
     page.get_by_role("tab").nth(2).click()

@@ -8,13 +8,13 @@ import pytest
 
 from drivebus import i18n
 from fixtures.browser import Stage
-from fixtures.browser_actions import page_text, trip
+from fixtures.browser_actions import page_text, trip, wait_for_event
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_on_a_phone_a_date_of_a_table_is_not_broken_at_its_hyphens(stage: Stage, visit: Any, language: str) -> None:
     trip(stage, "fan-3")
-    stage.wait(lambda: has_past_fault(stage, "fan-3"), "no fault in the history")
+    wait_for_event(stage, "fan-3", "fault")
     broken = {}
     for way in ("drive/fan-3?tab=faults", "settings", "settings?tab=users"):
         page = visit(f"#/{way}", language=language, role="administrator", size=(360, 740))
@@ -22,11 +22,6 @@ def test_on_a_phone_a_date_of_a_table_is_not_broken_at_its_hyphens(stage: Stage,
         heights = page.locator("td.time").evaluate_all(TEXT_LINES)
         broken[way] = [lines for lines in heights if lines > 2]
     assert broken == {way: [] for way in broken}
-
-
-def has_past_fault(stage: Stage, drive: str) -> bool:
-    """Return whether the history, which is written in batches, has a fault of the drive."""
-    return any(event["kind"] == "fault" for event in stage.call("history.events", drive=drive, limit=1000)["items"])
 
 
 TEXT_LINES = """all => all.map((one) => {
