@@ -63,13 +63,16 @@ def check_trips(plant: RecordedPlant, line: int) -> None:
 
 
 async def monitored_states(plant: RecordedPlant, line: int, seconds: float) -> list[DriveState]:
-    """Run bus, drive and monitor of a restarted host; returns the states that it reported."""
+    """Run bus, drive and monitor of a restarted host until it knows the state; returns the states that it reported."""
     states: list[DriveState] = []
     async with Bus(open_port(plant.url(line))) as bus:
         with slow_machine_drive(bus, "c320").monitor(
             on_change=lambda status: states.append(status.state), period_s=0.2
         ):
             await asyncio.sleep(seconds)
+            async with asyncio.timeout(PROCESS_TIMEOUT_S):
+                while not states or states[-1] is DriveState.UNKNOWN:  # noqa: ASYNC110  the monitor has no event
+                    await asyncio.sleep(STEP_S)
     return states
 
 
