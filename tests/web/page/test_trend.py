@@ -11,7 +11,7 @@ import pytest
 
 from drivebus import i18n
 from fixtures.browser import Stage
-from fixtures.browser_actions import expecting, go_to, unplugged, wait_until
+from fixtures.browser_actions import expecting, go_to, unplugged, wait_for_event, wait_until
 
 NOTHING = "–"
 MODULES = "/static/js/trend/"
@@ -240,15 +240,24 @@ def test_a_fault_word_has_steps_and_values_but_no_mean(scripts: Any) -> None:
 STEADY = "fan-1.output_frequency"
 
 
-def answer(route: Any) -> None:
-    """Answer with a year of history at 20 Hz: good, bad from one third on, uncertain from two thirds on."""
+BEGIN_MS = 1_700_000_000_000
+PAST = f"from={BEGIN_MS}&to={BEGIN_MS + 3_600_000}"
+"""Hour in 2023 for the address of a trend: no live value is drawn there."""
+
+
+def fulfill_history(route: Any, values: list[float | None], quality: list[int], *tags: str) -> None:
+    """Answer with 600 samples in the requested time, the same for each tag."""
     query = dict(part.split("=") for part in route.request.url.partition("?")[2].split("&"))
     begin, end = int(query["from_ms"]), int(query["to_ms"])
     at = [begin + (end - begin) * n // 600 for n in range(600)]
+    series = {"t": at, "min": values, "mean": values, "max": values, "q": quality}
+    route.fulfill(json={"resolution": "1s", "series": dict.fromkeys(tags, series)})
+
+
+def answer(route: Any) -> None:
+    """Answer with a year of history at 20 Hz: good, bad from one third on, uncertain from two thirds on."""
     third = [0 if n < 200 else 2 if n < 400 else 1 for n in range(600)]
-    mean = [None if quality == 2 else 20.0 for quality in third]
-    series = {"t": at, "min": mean, "mean": mean, "max": mean, "q": third}
-    route.fulfill(json={"resolution": "1s", "series": {STEADY: series}})
+    fulfill_history(route, [None if quality == 2 else 20.0 for quality in third], third, STEADY)
 
 
 COLOURED = """([x0, x1]) => {
@@ -272,8 +281,7 @@ COLOURED = """([x0, x1]) => {
 def test_a_bad_stretch_is_empty_and_an_uncertain_one_is_dashed(visit: Any) -> None:
     page = visit("#/fleet")
     page.route("**/api/v1/history/trend?*", answer)
-    begin = 1_700_000_000_000
-    page.evaluate(f"location.hash = '#/history?tags={STEADY}&from={begin}&to={begin + 3_600_000}'")
+    page.evaluate(f"location.hash = '#/history?tags={STEADY}&{PAST}'")
     page.locator(".trend-window:has-text('2023-11-14')").wait_for()
     # What is fetched begins and ends a quarter of the window beyond it: bad from 1/4 to 3/4 of what is shown.
     page.wait_for_function(f"(stretch) => ({COLOURED})(stretch) > 0.9", arg=[0.02, 0.2])
@@ -284,8 +292,7 @@ def test_a_bad_stretch_is_empty_and_an_uncertain_one_is_dashed(visit: Any) -> No
 def test_the_values_at_the_pointer_stand_beside_it_and_a_bad_stretch_has_none(visit: Any) -> None:
     page = visit("#/fleet")
     page.route("**/api/v1/history/trend?*", answer)
-    begin = 1_700_000_000_000
-    page.evaluate(f"location.hash = '#/history?tags={STEADY}&from={begin}&to={begin + 3_600_000}'")
+    page.evaluate(f"location.hash = '#/history?tags={STEADY}&{PAST}'")
     page.locator(".trend-readout tbody .more >> text=20.00").first.wait_for()
     box, tip = page.locator(".u-over").bounding_box(), page.locator(".trend-tip")
     page.mouse.move(box["x"] + 0.1 * box["width"], box["y"] + 60)
@@ -424,18 +431,12 @@ RECORD_TEXTS = """() => {
 
 def test_the_scale_of_a_stopped_drive_ends_at_its_highest_frequency_and_that_of_its_voltage_at_1(visit: Any) -> None:
     """Regression: both went from 0 to 100, as if the drive could reach 100 Hz and 100 V."""
-
-    def answer_zeros(route: Any) -> None:
-        answer = route.fetch()
-        found = answer.json()
-        for series in found["series"].values():
-            series |= {name: [0 for _ in series["t"]] for name in ("min", "mean", "max", "q")}
-        route.fulfill(response=answer, json=found)
-
+    tags = ("fan-1.output_frequency", "fan-1.dc_bus_voltage")
     page = visit("#/fleet")
+    page.locator(".tile").first.wait_for()  # the highest frequency of the drive is known
     page.evaluate(RECORD_TEXTS)
-    page.route("**/api/v1/history/trend?**", answer_zeros)
-    go_to(page, "history?tags=fan-1.output_frequency,fan-1.dc_bus_voltage")
+    page.route("**/api/v1/history/trend?**", lambda route: fulfill_history(route, [0.0] * 600, [0] * 600, *tags))
+    go_to(page, f"history?tags={','.join(tags)}&{PAST}")
     wait_until(page, lambda: {"40", "0.8"} <= set(page.evaluate("[...window.texts]")), "no scale of 45 Hz and 1 V")
     assert "100" not in page.evaluate("[...window.texts]")
 
@@ -474,6 +475,7 @@ def test_commands_to_a_drive_are_marked_in_its_trend(stage: Stage, visit: Any) -
     """The trend on the drive's page is live; the stop is marked, listed, and leads to its moment."""
     expect = expecting()
     stage.call("drive.stop", drive="pump-1")
+    wait_for_event(stage, "pump-1", "stop")
     page = visit("#/drive/pump-1", language="zh")
     row = page.locator(".trend-readout tbody tr").first
     expect(row.locator("td .number")).to_have_text("0.00")
