@@ -9,7 +9,7 @@ import pytest
 from drivebus import i18n
 from fixtures.axe import axe_violations
 from fixtures.browser import Stage, log_in
-from fixtures.browser_actions import NEW_HEADING, go_to, trip
+from fixtures.browser_actions import DRAWN, NEW_HEADING, go_to, trip
 
 WAYS = {
     "fleet": ".tile",
@@ -237,9 +237,9 @@ NEWS = """async () => {
   taken.takeovers.value = [{ drive: 'fan-1', owner: 'bob', time_ms: 1 }];
   const target = { kind: 'all' };
   stops.stops.value = [{ id: 1, target, phase: 'done', good: false, text: () => words.en, time_ms: 1 }];
-  await new Promise((resolve) => { setTimeout(resolve, 200); });
+  await DRAWN;
   return document.querySelectorAll('.notices .banner, .strip .banner.critical, .stop-status.bad').length;
-}"""
+}""".replace("DRAWN", DRAWN)
 
 
 @pytest.mark.parametrize("cleared_ms", ["null", "2"], ids=["active alarm", "cleared alarm"])
@@ -258,6 +258,7 @@ def test_no_alarm_notice_or_outcome_moves_a_button_under_the_finger(
 def test_the_keyboard_alone_leads_from_the_fleet_to_a_stop(stage: Stage, visit: Any) -> None:
     page = visit("#/fleet")
     page.locator(".tilelink").first.wait_for()
+    page.evaluate(DRAWN)  # the key is followed after the screen was drawn
     page.keyboard.press("/")
     assert page.evaluate("document.activeElement.type") == "search"
     page.keyboard.type("extract")
@@ -323,11 +324,11 @@ def test_text_of_four_times_its_size_needs_no_sideways_scrolling_and_cuts_no_sto
 ) -> None:
     """Regression: the page kept the layout of a wide screen, beyond whose right end its alarm and its buttons lay."""
     trip(stage, "fan-3")
-    page = visit("#/fleet", language=language, size=(1280, 1000))
+    page = visit("#/buses", language=language, size=(1280, 1000))
     page.context.new_cdp_session(page).send("Page.setFontSizes", {"fontSizes": {"standard": 64, "fixed": 64}})
     for way in ("fleet", "drive/fan-3", "alarms", "audit", "history", "settings"):
-        page.evaluate("(way) => { location.hash = way; }", f"#/{way}")
-        page.locator("main h1").wait_for()
+        go_to(page, way)
+        page.locator(NEW_HEADING).wait_for()
         assert page.evaluate("getComputedStyle(document.body).fontSize") == "64px"
         assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
         for label in page.locator(".stop :is(b, .what)").all():

@@ -15,6 +15,7 @@ from fixtures.browser_actions import page_text
 
 def test_the_audit_trail_shows_user_action_and_frames(stage: Stage, visit: Any, expect: Any) -> None:
     stage.call("drive.stop", drive="pump-1")
+    stage.wait(lambda: stage.call("audit.list", drive="pump-1")["items"][0]["outcome"] == "confirmed", "no result")
     page = visit("#/audit")
     page.fill(".filters input[type=search]", "drive.stop")
     entry = page.locator(".entry", has_text=page_text("outcome_confirmed")).filter(has_text="Circulation pump").first

@@ -58,6 +58,7 @@ def test_a_jog_frequency_is_entered_only_where_the_bus_can_set_one(stage: Stage,
         page.fill(".jog input[inputmode=decimal]", text)
         page.locator(f"{HOLD}:{state}").wait_for()
     page.goto(f"{stage.at}/#/drive/pump-1")
+    page.locator("h1", has_text="Circulation pump").wait_for()
     page.click(".control summary")
     page.locator(".jog .notice", has_text=i18n.text("page.jog_own_frequency", "en")).wait_for()
     assert page.locator(".jog input").count() == 0

@@ -8,7 +8,7 @@ import pytest
 
 from drivebus import i18n
 from fixtures.browser import Stage
-from fixtures.browser_actions import expecting, wait_until
+from fixtures.browser_actions import NEW_HEADING, expecting, go_to, wait_until
 
 FOCUSED_STOP = "() => document.activeElement.dataset.stop ?? document.activeElement.getAttribute('aria-label')"
 
@@ -112,8 +112,9 @@ def test_what_has_the_focus_is_not_covered_by_what_stays_in_place(visit: Any) ->
     page.locator("td.pinned input").first.focus()
     page.keyboard.press("Shift+Tab")
     assert read.evaluate("one => one === document.activeElement") and read.evaluate(UNCOVERED)
-    page.evaluate("location.hash = '#/settings?tab=tokens'")
+    go_to(page, "settings?tab=tokens")
     page.set_viewport_size({"width": 640, "height": 450})
+    page.locator(NEW_HEADING).wait_for()
     page.locator("[role=tabpanel]").get_by_role("button").first.press("Enter")
     end = page.locator("dialog select")
     end.wait_for()

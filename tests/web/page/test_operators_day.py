@@ -71,7 +71,9 @@ def test_an_operator_acknowledges_resets_runs_and_stops_all_also_after_a_lost_se
     page.locator(".trend-plot canvas").wait_for()
 
     page.click("[data-stop=all]")
-    page.locator(f".stop-status.good:has-text('{word('page.stop_all_confirmed')}')").wait_for()
+    # On a busy machine the answer may come before the read of a drive.
+    confirmed = "|".join(re.escape(word(key)) for key in ("page.stop_all_confirmed", "page.stop_confirmed_later"))
+    page.locator(".stop-status.good", has_text=re.compile(confirmed)).wait_for()
     stage.wait(lambda: stage.view("fan-1")["state"] == "stopped", "the next poll does not report it")
 
     stage.lose_server()
@@ -113,13 +115,14 @@ def test_a_stop_is_repeated_while_the_plant_is_unavailable_or_the_token_is_old(s
     answers = [
         {"status": 503, "json": {"error": problem | {"code": "plant.unavailable", "status": 503}}},
         {"status": 403, "json": {"error": problem | {"code": "auth.csrf", "status": 403}}},
-        {"status": 200, "json": {"outcomes": {"fan-1": {"status": "confirmed"}}, "buses": {}}},
     ]
-    page.route("**/api/v1/stop", lambda route: route.fulfill(**answers.pop(0)))
+    held: list[Any] = []
+    page.route("**/api/v1/stop", lambda route: route.fulfill(**answers.pop(0)) if answers else held.append(route))
     page.click("[data-stop=all]")
+    wait_until(page, lambda: bool(held), "the stop is not repeated after both errors")
     page.locator(".stop-status.waiting").wait_for()
+    held[0].fulfill(json={"outcomes": {"fan-1": {"status": "confirmed"}}, "buses": {}})
     page.locator(".stop-status.good").wait_for()
-    assert answers == []
 
 
 def test_a_stop_needs_no_lease_and_takes_none_away(stage: Stage, visit: Any) -> None:

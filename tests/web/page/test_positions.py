@@ -141,6 +141,7 @@ def test_a_reset_that_a_bus_stop_refuses_is_disabled_with_its_reason(stage: Stag
     why = page.locator(".active-fault .small", has_text=i18n.text("page.reset_inhibited", "en"))
     why.wait_for()
     expecting()(reset).to_be_disabled()
+    page.locator(".stop-status.good").wait_for()  # a stop that goes on supersedes the reset
     page.click(".control [data-do=release]")
     why.wait_for(state="detached")
     expecting()(reset).to_be_enabled()

@@ -83,6 +83,7 @@ def test_what_was_entered_for_or_read_from_a_drive_is_not_left_for_the_one_that_
 def test_a_signal_that_the_new_model_does_not_have_is_not_shown_with_its_last_value(stage: Stage, visit: Any) -> None:
     """Regression: signals of the old model stood among those of the new one until the page was loaded again."""
     page = visit("#/drive/fan-1")
+    page.locator(".values").wait_for()
     names = "import('/static/js/store.js').then((m) => Object.keys(m.drive('fan-1').value.signals).sort())"
     was = page.evaluate(names)
     with exchanged(stage, BUS_AND_MODEL):
