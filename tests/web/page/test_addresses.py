@@ -111,6 +111,22 @@ def test_the_way_back_from_a_drive_leads_to_the_place_where_the_fleet_was_left(v
     page.wait_for_function("() => scrollY === 0")
 
 
+LINK_BEFORE_QUERY = """async () => {
+  const { replaceQuery } = await import('/static/js/router.js');
+  location.hash = '#/alarms';
+  replaceQuery({ tags: 'fan-1.output_frequency' });
+}"""
+"""Script that follows a link and changes the query of the page left before the browser reports the new address."""
+
+
+def test_a_link_is_followed_also_where_the_page_left_changes_its_own_address_meanwhile(visit: Any) -> None:
+    """Regression: the history, whose address follows its chart, wrote that over the address of the link."""
+    page = visit("#/history")
+    page.locator(".trend-plot canvas").wait_for()
+    page.evaluate(LINK_BEFORE_QUERY)
+    page.locator("h1", has_text=i18n.text("page.nav_alarms", "en")).wait_for()
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_an_unknown_address_leads_to_the_fleet(visit: Any, expect: Any, language: str) -> None:
     """Regression: an outdated bookmark ended at a sentence without a next step."""

@@ -29,9 +29,12 @@ export function go(page, id = null, query = {}) {
   location.hash = href(page, id, query);
 }
 
-/** Change the query of the address without a new entry in the browser's history. */
+/** Change the query of the address without a new entry in the browser's history; not where a link has just led to another
+ * page, which the browser reports next. */
 export function replaceQuery(query) {
   const { page, id } = route.peek();
+  const next = read();
+  if (next.page !== page || next.id !== id) return;
   history.replaceState(history.state, "", href(page, id, query));
   route.value = read();
 }
