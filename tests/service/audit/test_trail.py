@@ -555,6 +555,23 @@ def test_opening_a_trail_reports_that_its_key_was_replaced(tmp_path: Path) -> No
     assert again.key_replaced and "audit.key_replaced" in [record["what"] for record in lines(again.paths.current)]
 
 
+def test_a_trail_archived_with_its_key_is_verified_there_and_the_next_one_has_a_new_key_without_an_alarm(
+    tmp_path: Path,
+) -> None:
+    """The page on securing a plant renews the key in this way."""
+    trail, archive = written_trail(tmp_path), tmp_path / "archive"
+    old_key = trail.paths.read_key()
+    moved = AuditPaths.of(archive, key=archive / "audit.key", head=archive / "audit.head")
+    archive.mkdir()
+    trail.paths.current.rename(moved.current)
+    trail.paths.checkpoints.rename(moved.checkpoints)
+    trail.paths.key.rename(moved.key)
+    trail.paths.head.rename(moved.head)
+    again = reopened_trail(tmp_path)
+    assert not again.key_replaced and not again.records_missing and again.paths.read_key() != old_key
+    assert verify_report(again).ok and verify(moved).ok and verify(moved).covered == 10
+
+
 async def test_a_head_that_cannot_be_written_is_an_error_until_it_can(tmp_path: Path) -> None:
     trail = new_trail(tmp_path)
     trail.paths.head.mkdir()
