@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter
-from collections.abc import Callable, Coroutine, Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -265,43 +265,6 @@ def test_a_hundred_stops_of_a_drive_again_and_again_do_not_delay_the_confirmatio
 
     outcome, took_s = run_virtual(scenario())
     assert outcome.key == "drives.stop_confirmed" and took_s < 1.5
-
-
-async def write_again_and_again(drive: Drive) -> None:
-    while True:
-        await drive.write({"F1.10": 1})
-
-
-async def read_again_and_again(drive: Drive) -> None:
-    while True:
-        await drive.status()
-
-
-@pytest.mark.parametrize(
-    ("model", "requests_of"),
-    [("c320", write_again_and_again), *((model, read_again_and_again) for model in ("c320", "dzb100", "vc660"))],
-)
-def test_reads_and_writes_of_eight_drives_do_not_delay_the_confirmation_of_a_stop(
-    model: str, requests_of: Callable[[Drive], Coroutine[Any, Any, None]]
-) -> None:
-    """The reads that confirm the stop waited for their turn among those requests, until it was reported."""
-
-    async def scenario() -> tuple[Outcome, float]:
-        async with SimulatedDrives(model, "1-9", query="ramp=0.5") as bench:
-            stopped, *others = (bench.drive(address) for address in range(1, 10))
-            await run_drive(stopped, model)
-            requests = [asyncio.ensure_future(requests_of(drive)) for drive in others for _ in range(3)]
-            await asyncio.sleep(1)
-            began = bench.bus.now()
-            outcome = await outcome_of(stopped)
-            took_s = bench.bus.now() - began
-            for request in requests:
-                request.cancel()
-            await asyncio.gather(*requests, return_exceptions=True)
-            return outcome, took_s
-
-    outcome, took_s = run_virtual(scenario())
-    assert outcome.key == "drives.stop_confirmed" and took_s < 1
 
 
 async def request_behind_a_read(bench: SimulatedDrives, drive: Drive, *commands: str) -> list[Any]:

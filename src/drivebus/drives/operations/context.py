@@ -59,7 +59,6 @@ class OperationContext:
         self.withheld_stop: UnconfirmedModel | None = None  # why the last stop was not sent
         self.stop_awaits_model = False  # the read of the model, which goes before the first stop, has not ended yet
         self.has_sent_preparation = False  # the unlock and the words before every start were sent
-        self.read_priority = RequestPriority.PARAMETER  # a stop reads before everything but stops and commands
         self.waits_in_quarantine = True  # False: a read that a quarantine of 5 s would delay fails
         self.lost_replies = 0  # frames without a valid reply; a retry by the bus counts as a frame of its own
         self.stops_sent = 0  # stops that were given to the port
@@ -92,13 +91,13 @@ class OperationContext:
     def transact(
         self,
         request: Any,
-        priority: RequestPriority | None = None,
+        priority: RequestPriority = RequestPriority.PARAMETER,
         permit: Permit | None = None,
         tag: Any = None,
     ) -> DriveOperation[BusResult]:
         """Perform one transaction, log it and update the dialect. ``tag``: see ``BusRequest``.
 
-        Without a ``priority`` it has that of a read, which no stop removes from the queue.
+        Reads have parameter priority: a stop removes queued commands and must not remove the reads that confirm it.
         """
         expires_at = permit.expires_at if permit is not None else None
         effect = self.effect(request)
@@ -110,7 +109,7 @@ class OperationContext:
         bus_request = BusRequest(
             station=self.dialect.address,
             request=request,
-            priority=self.read_priority if priority is None else priority,
+            priority=priority,
             permit=permit,
             expires_at=expires_at,
             waits_in_quarantine=self.waits_in_quarantine,

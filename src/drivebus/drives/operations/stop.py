@@ -112,7 +112,6 @@ def stop(
     ``wait_confirmed`` False returns once the drive has answered the stop, with an unconfirmed outcome; a drive that
     can't report standstill is sent the stop three times in either case, and the outcome is acknowledged.
     """
-    op.read_priority = RequestPriority.STOP_READ
     outcome = yield from _send_and_confirm(
         op, mode, progress or StopProgress(op, (yield from get_bus_conditions()).now), wait_confirmed=wait_confirmed
     )
