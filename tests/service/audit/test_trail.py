@@ -555,14 +555,15 @@ def test_opening_a_trail_reports_that_its_key_was_replaced(tmp_path: Path) -> No
     assert again.key_replaced and "audit.key_replaced" in [record["what"] for record in lines(again.paths.current)]
 
 
-def test_a_trail_archived_with_its_key_is_verified_there_and_the_next_one_has_a_new_key_without_an_alarm(
+def test_an_archived_trail_is_verified_with_its_own_key_and_the_next_one_has_a_new_key_without_an_alarm(
     tmp_path: Path,
 ) -> None:
     """The page on securing a plant renews the key in this way."""
-    trail, archive = written_trail(tmp_path), tmp_path / "archive"
+    trail, archive, elsewhere = written_trail(tmp_path), tmp_path / "archive", tmp_path / "elsewhere"
     old_key = trail.paths.read_key()
-    moved = AuditPaths.of(archive, key=archive / "audit.key", head=archive / "audit.head")
+    moved = AuditPaths.of(archive, key=elsewhere / "audit.key", head=elsewhere / "audit.head")
     archive.mkdir()
+    elsewhere.mkdir()
     trail.paths.current.rename(moved.current)
     trail.paths.checkpoints.rename(moved.checkpoints)
     trail.paths.key.rename(moved.key)
