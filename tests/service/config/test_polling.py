@@ -59,24 +59,24 @@ def test_the_estimated_polls_are_those_that_are_sent(model: str, more: str) -> N
     virtual_time.run(tale())
 
 
-async def longest_gaps(setting: PlantConfig, seconds: float) -> dict[str, float]:
+async def longest_gaps(plant_config: PlantConfig, seconds: float) -> dict[str, float]:
     """Return for each drive the longest time between two values of its most frequent signal."""
-    port = open_port(setting.buses[0].port)
+    port = open_port(plant_config.buses[0].port)
     gaps: dict[str, float] = {}
     async with Bus(port) as bus:
         monitors: list[Monitor] = []
-        for each in setting.drives:
-            drive = Drive(bus, config.profile_of(each), each.address)
-            name = min(config.bus_loads(setting)[0].drives[0].periods.items(), key=lambda item: item[1])[0]
+        for setting in plant_config.drives:
+            drive = Drive(bus, config.profile_of(setting), setting.address)
+            name = min(config.bus_loads(plant_config)[0].drives[0].periods.items(), key=lambda item: item[1])[0]
             last: list[float] = []
 
-            def received(status: Any, id: str = each.id, name: str = name, last: list[float] = last) -> None:
+            def received(status: Any, id: str = setting.id, name: str = name, last: list[float] = last) -> None:
                 at = status.readings[name].source_time
                 if at is not None and at not in last[-1:]:
                     gaps[id] = max(gaps.get(id, 0.0), at - last[-1]) if last else 0.0
                     last.append(at)
 
-            monitors.append(drive.monitor(tuple(each.signals) or None, received, each.min_poll_interval_s))
+            monitors.append(drive.monitor(tuple(setting.signals) or None, received, setting.min_poll_interval_s))
         await asyncio.sleep(seconds)
         for monitor in monitors:
             monitor.close()
@@ -86,11 +86,11 @@ async def longest_gaps(setting: PlantConfig, seconds: float) -> dict[str, float]
 @pytest.mark.parametrize(("model", "count"), [("c320", 3), ("c320", 12), ("dzb100", 2), ("vc660", 6), ("df800", 3)])
 def test_a_bus_keeps_the_estimated_refresh(model: str, count: int) -> None:
     """Every drive on one bus, without configured periods."""
-    setting = plant(model, count)
-    bus = config.bus_loads(setting)[0]
+    plant_config = plant(model, count)
+    bus = config.bus_loads(plant_config)[0]
     promised_s, period_s = min(bus.drives[0].refresh.values()), min(bus.drives[0].periods.values())
-    gaps = virtual_time.run(longest_gaps(setting, 40 * period_s))
-    assert gaps.keys() == {one.id for one in setting.drives}
+    gaps = virtual_time.run(longest_gaps(plant_config, 40 * period_s))
+    assert gaps.keys() == {one.id for one in plant_config.drives}
     assert period_s <= max(gaps.values()) <= promised_s
 
 

@@ -496,8 +496,8 @@ def accepted_by(found: BoundedListener) -> list[socket.socket]:
 
 
 def close_all(*sockets: socket.socket) -> None:
-    for each in sockets:
-        each.close()
+    for connection in sockets:
+        connection.close()
 
 
 def test_connections_beyond_the_limit_are_closed_as_soon_as_they_are_accepted(few_connections: BoundedListener) -> None:
