@@ -111,20 +111,26 @@ def test_the_way_back_from_a_drive_leads_to_the_place_where_the_fleet_was_left(v
     page.wait_for_function("() => scrollY === 0")
 
 
-LINK_BEFORE_QUERY = """async () => {
+LINK_BEFORE_QUERY = """async (link) => {
   const { replaceQuery } = await import('/static/js/router.js');
-  location.hash = '#/alarms';
+  location.hash = link;
   replaceQuery({ tags: 'fan-1.output_frequency' });
+  return location.hash;
 }"""
 """Script that follows a link and changes the query of the page left before the browser reports the new address."""
 
 
-def test_a_link_is_followed_also_where_the_page_left_changes_its_own_address_meanwhile(visit: Any) -> None:
+@pytest.mark.parametrize(
+    ("link", "heading"), [("#/alarms", "page.nav_alarms"), ("#/history?from=1000&to=2000", "page.nav_history")]
+)
+def test_a_link_is_followed_also_where_the_page_left_changes_its_own_address_meanwhile(
+    visit: Any, link: str, heading: str
+) -> None:
     """Regression: the history, whose address follows its chart, wrote that over the address of the link."""
     page = visit("#/history")
     page.locator(".trend-plot canvas").wait_for()
-    page.evaluate(LINK_BEFORE_QUERY)
-    page.locator("h1", has_text=i18n.text("page.nav_alarms", "en")).wait_for()
+    assert page.evaluate(LINK_BEFORE_QUERY, link) == link
+    page.locator("h1", has_text=i18n.text(heading, "en")).wait_for()
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])

@@ -30,12 +30,11 @@ export function go(page, id = null, query = {}) {
 }
 
 /** Change the query of the address without a new entry in the browser's history; not where a link has just led to another
- * page, which the browser reports next. */
+ * address, which the browser reports next. */
 export function replaceQuery(query) {
-  const { page, id } = route.peek();
-  const next = read();
-  if (next.page !== page || next.id !== id) return;
-  history.replaceState(history.state, "", href(page, id, query));
+  const shown = route.peek();
+  if (JSON.stringify(read()) !== JSON.stringify(shown)) return;
+  history.replaceState(history.state, "", href(shown.page, shown.id, query));
   route.value = read();
 }
 
