@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -604,6 +605,33 @@ def test_a_monitored_value_is_good_until_three_periods_and_then_never(model: str
                 bench.station().faults.silent = False
                 await asyncio.sleep(60)
                 assert monitor.status().state is DriveState.STOPPED
+
+    run_virtual(scenario())
+
+
+@pytest.mark.parametrize("model", TELLING)
+def test_a_value_polled_ten_times_a_second_is_valid_for_one_second_and_a_timeout(model: str) -> None:
+    """By its periods alone it would be valid for 0.3 s."""
+    profile = profiles.load(model)
+    signal = replace(profile.signals["output_frequency"], period_s=0.1)
+    profile = replace(profile, signals=profile.signals | {"output_frequency": signal})
+
+    async def scenario() -> None:
+        async with SimulatedDrives(model) as bench:
+            drive = Drive(bench.bus, profile, 1)
+            request, _ = drive.dialect.polls(("output_frequency",))[0]
+            timing, codec = drive.dialect.station_config.timing, drive.dialect.codec
+            timeout = timing.timeout_s(bench.bus.settings, codec.largest_reply(request))
+            with drive.monitor(["output_frequency"]) as monitor:
+                await asyncio.sleep(5)
+                bench.station().faults.silent = True
+                await asyncio.sleep(0.5)
+                read_at = monitor.status().readings["output_frequency"].source_time
+                assert read_at is not None
+                await asyncio.sleep(read_at + 1.0 + timeout - 0.01 - bench.bus.now())
+                assert monitor.status().readings["output_frequency"].quality is not Quality.BAD
+                await asyncio.sleep(0.02)
+                assert monitor.status().readings["output_frequency"].reason == "drives.stale"
 
     run_virtual(scenario())
 
