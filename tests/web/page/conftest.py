@@ -33,8 +33,11 @@ ALLOWED_NOISE = (
 """Messages of the browser itself about a lost server, session or answer, which the tests provoke."""
 
 
-BUSY_MACHINE_S = 20.0
-"""Age up to which a reading is valid here and permits a start; the limits themselves are tested in virtual time."""
+MAX_READING_AGE_S = 20.0
+"""Age up to which a reading is valid here and permits a start, since a busy machine may delay polls.
+
+The limits that it replaces are tested in ``drives/test_on_simulated_drives.py`` and ``drives/test_permissives.py``.
+"""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -75,10 +78,10 @@ def scripts(browser: Any, plant: Stage) -> Iterator[Any]:
 
 @pytest.fixture(scope="session")
 def plant(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
-    """Start one plant for all tests, because that takes a second. A busy machine may delay the polls of its drives."""
+    """Start one plant for all tests, because that takes a second."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(monitor, "MIN_READING_VALIDITY_S", BUSY_MACHINE_S)
-        patch.setattr(permissives, "MAX_STATUS_AGE_S", BUSY_MACHINE_S)
+        patch.setattr(monitor, "MIN_READING_VALIDITY_S", MAX_READING_AGE_S)
+        patch.setattr(permissives, "MAX_STATUS_AGE_S", MAX_READING_AGE_S)
         with staged(tmp_path_factory.mktemp("plant")) as stage:
             yield stage
 

@@ -17,10 +17,10 @@ from fixtures.browser_actions import DRAWN, wait_until
 from fixtures.service import LOCAL
 
 HOLD = "[data-jog=forward]"
-BUSY_MACHINE_S = 20.0
+MAX_RENEWAL_DELAY_S = 20.0  # of a busy machine
 PATIENT = f"""() => {{
   const timeout = AbortSignal.timeout.bind(AbortSignal);
-  AbortSignal.timeout = (ms) => timeout(Math.max(ms, {BUSY_MACHINE_S * 1000}));
+  AbortSignal.timeout = (ms) => timeout(Math.max(ms, {MAX_RENEWAL_DELAY_S * 1000}));
 }}"""
 """Script that lets the page wait as long for the answer to a renewal."""
 
@@ -29,7 +29,7 @@ PATIENT = f"""() => {{
 def late_renewals(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the service accept a renewal that a busy machine delays."""
     arm = JogSession._arm
-    monkeypatch.setattr(JogSession, "_arm", lambda session, left_s: arm(session, left_s + BUSY_MACHINE_S))
+    monkeypatch.setattr(JogSession, "_arm", lambda session, left_s: arm(session, left_s + MAX_RENEWAL_DELAY_S))
 
 
 @pytest.fixture
