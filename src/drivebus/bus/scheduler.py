@@ -2,8 +2,8 @@
 
 Priorities: stop > command > parameter > poll > probe, first in first out within a priority. Four fairness rules:
 
-* after four commands a waiting parameter request goes first. The read that confirms a stop has this priority: with a
-  higher one, drives on a long ramp would keep the reads of another from being sent that watch its start (overspeed);
+* after four commands a waiting parameter request goes first. The read that confirms a stop has this priority: at a
+  higher one, the reads of drives on a long ramp would delay those by which a start detects an overspeed;
 * after four commands or parameter requests in a row a due sync probe or poll goes first, so that values stay fresh
   during a parameter backup;
 * the sync probe of an offline station goes before polls, but only within its 10 % share of the bus, so that a full

@@ -27,10 +27,10 @@ def test_a_new_urgent_alarm_is_announced_once_on_every_page(stage: Stage, visit:
     trip(stage, "fan-3")
     name = {"en": "Flue gas fan", "zh": "引风机"}[language]
     fault = i18n.text("alarms.title.fault", language)
-    page.wait_for_function("(fault) => window.announced.some((one) => one.includes(fault))", arg=fault)
+    page.wait_for_function("(fault) => window.announced.some((text) => text.includes(fault))", arg=fault)
     page.wait_for_timeout(1500)
     no_reply = i18n.text("alarms.title.no_response", language)  # announced too where a busy machine loses a reply
-    [text] = [one for one in page.evaluate("window.announced") if no_reply not in one]
+    [text] = [announced for announced in page.evaluate("window.announced") if no_reply not in announced]
     assert name in text and fault in text and i18n.text("page.priority_critical", language) in text
     assert page.locator("[data-text=alarm]").get_attribute("role") == "alert"
     if language == "en":  # once: it takes ten seconds
