@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 from drivebus import i18n
+from drivebus.service.runtime import supervision
 from fixtures.browser import Stage, log_in
 from fixtures.browser_actions import page_text
 from fixtures.web_app import PASSWORD
@@ -105,3 +108,15 @@ def test_a_password_is_changed_with_the_current_one(visit: Any, expect: Any) -> 
         field.fill(text)
     button.click()
     expect(old).to_have_value("")
+
+
+@pytest.mark.parametrize("synchronized", [True, False])
+def test_about_says_whether_the_clock_is_synchronized(
+    stage: Stage, visit: Any, expect: Any, synchronized: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(supervision, "is_clock_synchronized", lambda: synchronized)
+    stage.service.plant.clock_synchronized = synchronized
+    page = visit("#/settings?tab=about")
+    expect(page.locator("dt", has_text=page_text("about_clock")).locator("+ dd")).to_have_text(
+        page_text(f"about_clock_{str(synchronized).lower()}")
+    )

@@ -165,7 +165,7 @@ def _station_json(runtime: DriveRuntime, station: StationStatistics) -> Json:
 
 
 def plant_topic(plant: Plant) -> Json:
-    """Return the content of the topic ``plant``: state, last stop of everything, disk, gateways."""
+    """Return the content of the topic ``plant``: state, last stop of everything, disk, clock, gateways."""
     return {
         "id": plant.config.id,
         "title": text_json(plant.config.title),
@@ -178,5 +178,6 @@ def plant_topic(plant: Plant) -> Json:
         "history_ok": plant.historian.ok,
         "write_failures": plant.write_failures(),
         "disk": plant.disk_space,
+        "clock_synchronized": plant.clock_synchronized,
         "gateways": [plant.gateways[name].as_json() for name in sorted(plant.gateways)],
     }

@@ -142,6 +142,8 @@ class Plant:
     """Gateways that run or are restarted, by name."""
     disk_space: Json = field(default_factory=dict)
     """Free space of the state directory, in MiB."""
+    clock_synchronized: bool | None = None
+    """Whether the clock of this computer is synchronized; None while unknown."""
     command_count: int = 0
     """Number of the last command, for its id."""
     event_count: int = 0

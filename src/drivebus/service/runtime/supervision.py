@@ -13,7 +13,6 @@ from pathlib import Path
 
 from drivebus import i18n
 from drivebus.drives.state import DriveStatus
-from drivebus.errors import ConfigurationError
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.errors import failure_reason, localized
 from drivebus.service.audit.chain import AUDIT_FILE
@@ -24,6 +23,7 @@ from drivebus.service.control.jogs import RemoteJogs
 from drivebus.service.control.policies import StopPolicies
 from drivebus.service.incidents.service import IncidentService
 from drivebus.service.live.publisher import LivePublisher
+from drivebus.service.process.clock_sync import is_clock_synchronized
 from drivebus.service.process.permissions import certificate_problems
 from drivebus.service.process.systemd import SystemdNotifier
 from drivebus.service.runtime.bus import BusRuntime
@@ -40,7 +40,8 @@ from drivebus.values import bilingual_text
 CYCLE_S = 0.25
 STEPS_PER_TURN = 4  # steps without a pause: one or two milliseconds
 BUS_VIEW_CYCLES = 4  # buses are published once a second
-DISK_CHECK_CYCLES = 40  # free space and certificates are read every ten seconds
+DISK_CHECK_CYCLES = 40  # free space, certificates and the state of the clock are read every ten seconds
+CLOCK_SYNC_GRACE_S = 600.0  # after a start of the computer it takes minutes until its clock is synchronized
 STORAGE_CHECK_CYCLES = 20  # files written in the background are checked every five seconds
 Step = Callable[[], None]
 LOG = logging.getLogger("drivebus.service")
@@ -72,7 +73,8 @@ class SupervisionCycle:
         self._expiring = {
             alarm.subject for alarm in plant.alarms.active() if alarm.kind == SystemAlarm.CERTIFICATE_EXPIRY
         }
-        self._exposed: set[str] = set()  # sentences about files that other users can read or replace
+        self._reported_problems: set[str] = set()  # English sentences of problems that are no alarm
+        self._clock_report_at = plant.now() + CLOCK_SYNC_GRACE_S
         self._comm_loss_reads = CommLossReads(plant)
 
     async def run(self) -> None:
@@ -115,11 +117,16 @@ class SupervisionCycle:
             yield partial(self._watchdog.feed_watchdog, plant.buses.values(), plant.now())
 
     async def _check_disk(self) -> None:
-        """Read the free space and the certificates in a thread: a disk that hangs delays no bus."""
-        config = self._plant.config
-        self._plant.disk_space = await asyncio.to_thread(_disk_space, config.directory)
+        """Read the free space and the certificates in a thread, as a disk that hangs delays no bus, and the clock."""
+        plant, config = self._plant, self._plant.config
+        plant.clock_synchronized = is_clock_synchronized()
+        plant.disk_space = await asyncio.to_thread(_disk_space, config.directory)
         self._report_certificates(await asyncio.to_thread(lambda: list(certificate_states(config))))
-        self._report_exposed_files(await asyncio.to_thread(lambda: list(certificate_problems(config))))
+        errors = await asyncio.to_thread(lambda: list(certificate_problems(config)))
+        problems = [localized(error.key, error.params) for error in errors]
+        if plant.clock_synchronized is False and plant.now() >= self._clock_report_at:
+            problems.append(localized("plant.clock_unsynchronized"))
+        self._report_problems(problems)
 
     def _report_certificates(self, states: Sequence[CertificateState]) -> None:
         """Raise an alarm for each certificate that ends soon; clear those of renewed certificates and of others."""
@@ -132,14 +139,13 @@ class SupervisionCycle:
             params = {"file": str(state.certificate), "until": f"{state.valid_until:%Y-%m-%d %H:%M} UTC"}
             self._plant.raise_alarm(SystemAlarm.CERTIFICATE_EXPIRY, subject=gateway, **params)
 
-    def _report_exposed_files(self, problems: Sequence[ConfigurationError]) -> None:
-        """Publish an event for each file of a certificate that another user can read or replace, once until mended."""
-        exposed = {str(error): error for error in problems}
-        for text in exposed.keys() - self._exposed:
-            LOG.warning(exposed[text].text(i18n.preferred()))
-            texts = localized(exposed[text].key, exposed[text].params)
-            self._plant.publish_event_text("configuration", None, texts, None, None, log=False)
-        self._exposed = set(exposed)
+    def _report_problems(self, problems: Sequence[Json]) -> None:
+        """Publish an event for each problem of the computer or its files, once until it is mended."""
+        texts = {text["en"]: text for text in problems}
+        for name in texts.keys() - self._reported_problems:
+            LOG.warning(texts[name][i18n.preferred()])
+            self._plant.publish_event_text("configuration", None, texts[name], None, None, log=False)
+        self._reported_problems = set(texts)
 
     def _check_storage(self) -> None:
         """Raise an alarm for each file that is written in the background and fails; try it again."""

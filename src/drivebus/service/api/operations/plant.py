@@ -94,6 +94,7 @@ class PlantResponse(ApiObject):
     """State of the plant. ``stop_all``: the last stop of everything since the service started.
 
     ``write_failures``: the files, and the history, that can't be written at present; each has an alarm with the reason.
+    ``clock_synchronized``: whether the clock of the computer is synchronized, as its Linux reports it; null: not known.
     """
 
     id: str
@@ -107,6 +108,7 @@ class PlantResponse(ApiObject):
     history_ok: bool
     write_failures: list[str]
     disk: DiskObject
+    clock_synchronized: bool | None
     gateways: list[GatewayObject]
 
 

@@ -54,6 +54,7 @@ function About() {
   const plant = topic("plant").value ?? {};
   const facts = [
     ["plant", plant.id && titleOf(plant)], ["version", plant.version], ["started", plant.started_ms && moment(plant.started_ms)],
+    ["clock", typeof plant.clock_synchronized === "boolean" && t(`page.about_clock_${plant.clock_synchronized}`)],
     ["gateways", plant.gateways?.map(gatewayState).join(t("language.between_items"))],
   ];
   return html`<section class="panel stack"><h2>drivebus</h2><dl class="facts">
