@@ -111,6 +111,23 @@ def test_the_way_back_from_a_drive_leads_to_the_place_where_the_fleet_was_left(v
     page.wait_for_function("() => scrollY === 0")
 
 
+def test_a_link_within_the_history_and_the_way_back_show_their_own_signals_and_times(visit: Any) -> None:
+    """Regression: the chart read its address only when the page opened, and showed the signals and times before."""
+    expect = expecting()
+    page = visit("#/history?tags=fan-1.output_frequency&from=1700000000000&to=1700003600000")
+    window, signals = page.locator(".trend-window"), page.locator(".trend-readout tbody tr")
+    expect(window).to_contain_text("2023-11-14")
+    tags = "fan-1.output_frequency,fan-2.output_frequency"
+    page.evaluate(f"location.hash = '#/history?tags={tags}&from=1600000000000&to=1600003600000'")
+    expect(window).to_contain_text("2020-09-13")
+    expect(signals).to_have_count(2)
+    page.go_back()
+    expect(window).to_contain_text("2023-11-14")
+    expect(signals).to_have_count(1)
+    page.click("nav a[href='#/history']")
+    expect(page.locator("[data-trend=live]")).to_have_attribute("aria-pressed", "true")
+
+
 LINK_BEFORE_QUERY = """async (link) => {
   const { replaceQuery } = await import('/static/js/router.js');
   location.hash = link;

@@ -1,5 +1,5 @@
 // Addresses behind the #: #/drive/fan-1?tab=faults → {page: "drive", id: "fan-1", query: {tab: "faults"}}.
-import { signal } from "./lib.js";
+import { batch, signal } from "./lib.js";
 
 function parse(hash) {
   const [path, search = ""] = hash.replace(/^#\/?/, "").split("?");
@@ -16,7 +16,9 @@ const read = () => {
 };
 
 export const route = signal(read());
-addEventListener("hashchange", () => { route.value = read(); });
+/** Number of links and steps of the browser's history followed; a page that changes its own query follows none. */
+export const navigations = signal(0);
+addEventListener("hashchange", () => { batch(() => { navigations.value += 1; route.value = read(); }); });
 
 /** An address to link to: `href("drive", "fan-1", {tab: "faults"})`. */
 export function href(page, id = null, query = {}) {

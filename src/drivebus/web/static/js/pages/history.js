@@ -3,7 +3,7 @@ import { html, useEffect, useMemo, useRef, useState } from "../lib.js";
 import { t } from "../i18n.js";
 import { api } from "../api.js";
 import { loadPreference, savePreference } from "../preferences.js";
-import { replaceQuery } from "../router.js";
+import { navigations, replaceQuery } from "../router.js";
 import { loadStylesheet } from "../stylesheet.js";
 import { ErrorNote, Loading, Notice, useLoaded } from "../ui.js";
 import { Export } from "../trend/export.js";
@@ -20,8 +20,8 @@ const UPDATE_DELAY_MS = 500;
 export function Page({ query }) {
   const [found, error] = useLoaded(() => api.get("/history/tags"), []);
   if (error && !found) return html`<h1>${t("page.nav_history")}</h1><${ErrorNote} error=${error} />`;
-  return html`<h1>${t("page.nav_history")}</h1>${found ? html`<${SelectedSignals} tags=${found.tags}
-    query=${query} />` : html`<${Loading} />`}`;
+  return html`<h1>${t("page.nav_history")}</h1>${found ? html`<${SelectedSignals} key=${navigations.value}
+    tags=${found.tags} query=${query} />` : html`<${Loading} />`}`;
 }
 
 function SelectedSignals({ tags, query }) {
