@@ -249,7 +249,7 @@ def test_no_alarm_notice_or_outcome_moves_a_button_under_the_finger(
 ) -> None:
     page = visit(address, size=(width, 740))
     page.locator(".tile >> nth=4" if width > 360 else ".control [data-do=stop]").wait_for()
-    page.wait_for_load_state("networkidle")
+    page.evaluate(DRAWN)
     before = page.evaluate(PLACES)
     assert page.evaluate(NEWS.replace("CLEARED_MS", cleared_ms)) == 4
     assert len(before) > 5 and page.evaluate(PLACES) == before

@@ -248,7 +248,7 @@ def test_a_drive_that_trips_moves_no_tile(stage: Stage, visit: Any, size: str, w
     page.goto(f"{stage.at}/#/fleet")
     page.reload()
     page.locator(".tile").nth(4).wait_for()
-    page.wait_for_load_state("networkidle")
+    page.evaluate(DRAWN)
     assert page.evaluate(TURNS) == []
 
 
