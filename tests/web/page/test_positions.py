@@ -9,7 +9,7 @@ import pytest
 from drivebus import i18n
 from drivebus.service.alarms import SystemAlarm
 from fixtures.browser import Stage
-from fixtures.browser_actions import expecting, trip
+from fixtures.browser_actions import DRAWN, expecting, trip
 
 BUTTONS = """() => Object.fromEntries([...document.querySelectorAll(
     "main :is(button, summary, [role=tab]):not(.active-fault *, .confirm *)")].filter((one) => one.offsetParent)
@@ -84,6 +84,32 @@ def test_a_long_fault_text_is_whole_on_a_desktop_and_with_its_failed_reset_on_a_
     why.wait_for(state="detached")
     page.set_viewport_size({"width": 1440, "height": 900})
     assert page.locator(".active-fault h2").evaluate(hidden) <= 1
+
+
+STATE_NOTES = """async () => {
+  const store = await import('/static/js/store.js');
+  const top = () => document.querySelector('.control').getBoundingClientRect().top;
+  const usual = { state: 'stopped', state_reason: null, stop_pending: false, start_inhibited: false };
+  const unknown = { state: 'unknown', state_reason: 'drives.no_answer' };
+  const stopped = { stop_pending: true, start_inhibited: true };
+  const tops = [];
+  for (const turn of [usual, unknown, stopped, { ...unknown, ...stopped }, { state: 'emergency_stopped' }]) {
+    store.applyDelta({ topics: { 'drives/fan-1': { ...usual, ...turn } } });
+    await DRAWN;
+    tops.push(top());
+  }
+  return tops;
+}""".replace("DRAWN", DRAWN)
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("width", [320, 390, 1024, 1440])
+def test_no_note_on_the_state_of_a_drive_moves_its_control_panel(visit: Any, width: int, language: str) -> None:
+    """Regression: on a phone the reason of an unknown state pushed the buttons down by a line."""
+    page = visit("#/drive/fan-1", language=language, size=(width, 740))
+    page.locator(".control [data-do=stop]").wait_for()
+    tops = page.evaluate(STATE_NOTES)
+    assert len(tops) == 5 and set(tops) == {tops[0]}
 
 
 # A line has 15 pixels and more; the tall glyphs of a Chinese font overlap its edge by up to 3.

@@ -31,15 +31,20 @@ function BusLocation({ view }) {
     ${groups}</p>`;
 }
 
+/** Notes on the state, most urgent first. Their place is reserved: one that comes or goes moves no button. */
+function StateNotes({ view }) {
+  const reason = view.state === "unknown" && view.state_reason && (localized(view.unusable_reply?.text) || t(view.state_reason));
+  const notes = [view.stop_pending && html`<b class="alarmtext" role="alert">${t("page.stop_pending")}</b>`,
+    view.start_inhibited && html`<b class="alarmtext">${t("page.start_inhibited")}</b>`, reason].filter(Boolean);
+  return html`<p class="state-notes soft"><span>${notes.map((note, n) => html`${n > 0 && " · "}${note}`)}</span></p>`;
+}
+
 function Head({ view }) {
   const known = stateOf(view);
   return html`<header class="drivehead"><div><p><a href=${href("fleet")}>← ${t("page.nav_fleet")}</a></p><h1>
     ${withWholeNumbers(titleOf(view))}</h1>
     <${BusLocation} view=${view} /></div><div class="drivestate"><${StateMark} known=${known} direction=${view.direction}
-      size=${40} />
-    ${view.state === "unknown" && view.state_reason && html`<p class="soft">${localized(view.unusable_reply?.text) || t(view.state_reason)}</p>`}
-    ${view.stop_pending && html`<p class="alarmtext" role="alert">${t("page.stop_pending")}</p>`}
-    ${view.start_inhibited && html`<p class="alarmtext">${t("page.start_inhibited")}</p>`}</div></header>`;
+      size=${40} /><${StateNotes} view=${view} /></div></header>`;
 }
 
 async function profileOf(id) {
