@@ -38,6 +38,7 @@ def _check(plant: str, requirements: tuple[LoadRequirement, ...]) -> ExitCode:
     from drivebus.service.config.certificates import certificate_states
     from drivebus.service.config.load import load
     from drivebus.service.process.clock_sync import is_clock_synchronized
+    from drivebus.service.process.installed_files import changed_packages
     from drivebus.service.process.permissions import certificate_problems
     from drivebus.values import bilingual_text
 
@@ -47,13 +48,14 @@ def _check(plant: str, requirements: tuple[LoadRequirement, ...]) -> ExitCode:
     lacks_asyncpg = config.history.url is not None and find_spec("asyncpg") is None
     code = ExitCode.FAILED if lacks_asyncpg or any(missed.values()) else ExitCode.DONE
     states, exposed = tuple(certificate_states(config)), list(certificate_problems(config))
-    clock_synchronized = is_clock_synchronized()
+    clock_synchronized, changed = is_clock_synchronized(), list(changed_packages())
     more = {
         "certificates": _certificate_documents(states),
         "slow_adapters": [asdict(slow) for slow in slow_adapters],
         "warnings": list(config.warnings),
         "exposed_files": [error_json(error)["error"] for error in exposed],
         "clock_synchronized": clock_synchronized,
+        "changed_files": [str(file) for package in changed for file in package.files],
     }
     output.print_json(_document(config, buses, missed, code) | more)
     _print_loads(config, buses)
@@ -64,6 +66,8 @@ def _check(plant: str, requirements: tuple[LoadRequirement, ...]) -> ExitCode:
     _print_certificates(states)
     for error in exposed:
         output.print_note("plant_check.warning", text=error.text(output.language()))
+    for package in changed:
+        output.print_note("plant_check.warning", text=output.text("plant.package_changed", **package.text_params()))
     if clock_synchronized is False:
         output.print_note("plant_check.warning", text=output.text("plant.clock_unsynchronized"))
     if lacks_asyncpg:

@@ -24,6 +24,7 @@ from drivebus.service.control.policies import StopPolicies
 from drivebus.service.incidents.service import IncidentService
 from drivebus.service.live.publisher import LivePublisher
 from drivebus.service.process.clock_sync import is_clock_synchronized
+from drivebus.service.process.installed_files import changed_packages
 from drivebus.service.process.permissions import certificate_problems
 from drivebus.service.process.systemd import SystemdNotifier
 from drivebus.service.runtime.bus import BusRuntime
@@ -75,6 +76,7 @@ class SupervisionCycle:
         }
         self._reported_problems: set[str] = set()  # English sentences of problems that are no alarm
         self._clock_report_at = plant.now() + CLOCK_SYNC_GRACE_S
+        self._software_problems: list[Json] | None = None  # read once: an update replaces the files meanwhile
         self._comm_loss_reads = CommLossReads(plant)
 
     async def run(self) -> None:
@@ -123,7 +125,10 @@ class SupervisionCycle:
         plant.disk_space = await asyncio.to_thread(_disk_space, config.directory)
         self._report_certificates(await asyncio.to_thread(lambda: list(certificate_states(config))))
         errors = await asyncio.to_thread(lambda: list(certificate_problems(config)))
-        problems = [localized(error.key, error.params) for error in errors]
+        if self._software_problems is None:
+            changed = await asyncio.to_thread(lambda: list(changed_packages()))
+            self._software_problems = [localized("plant.package_changed", found.text_params()) for found in changed]
+        problems = [*self._software_problems, *(localized(error.key, error.params) for error in errors)]
         if plant.clock_synchronized is False and plant.now() >= self._clock_report_at:
             problems.append(localized("plant.clock_unsynchronized"))
         self._report_problems(problems)
