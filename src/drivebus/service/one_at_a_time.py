@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from collections import Counter
 from collections.abc import Callable, Coroutine
 from typing import Any, TypeVar
 
 from drivebus.errors import ServiceUnavailable
+from drivebus.service.user_quota import UserQuota
 
 MAX_WAITING = 20
-MAX_WAITING_OF_USER = 10  # one user leaves places to the others
 T = TypeVar("T")
 
 
@@ -22,21 +21,17 @@ class OneAtATime:
 
     def __init__(self) -> None:
         self._lock = asyncio.Lock()
-        self._waiting_by_user: Counter[str | None] = Counter()
+        self._waiting = UserQuota(MAX_WAITING)
 
     async def run(self, work: Callable[[], Coroutine[Any, Any, T]], *, user: str | None = None) -> T:
-        """Return the result of a work. Raises ServiceUnavailable where too many are waiting, in all or of a ``user``.
+        """Return the result of a work. Raises ServiceUnavailable where too many are waiting, also of a ``user``.
 
         If the caller is cancelled, the work is cancelled too, and the next one begins when it has really ended.
         """
-        waiting = self._waiting_by_user
-        if waiting.total() >= MAX_WAITING or (user is not None and waiting[user] >= MAX_WAITING_OF_USER):
+        if not self._waiting.has_place(user):
             raise ServiceUnavailable("plant.too_busy")
-        waiting[user] += 1
-        try:
+        with self._waiting.place(user):
             await self._lock.acquire()
-        finally:
-            self._waiting_by_user -= Counter({user: 1})  # without users of whom none is waiting
         task = asyncio.create_task(work())
         task.add_done_callback(lambda _: self._lock.release())
         try:

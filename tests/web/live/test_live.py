@@ -17,7 +17,7 @@ from drivebus.gateways.fanout import MAX_QUEUED_MESSAGES, matches_topic
 from drivebus.gateways.upstream import UpstreamFeed
 from drivebus.service.auth.rights import Role
 from drivebus.testing import virtual_time
-from drivebus.web.live.endpoint import LIVE_ACTOR, MAX_WEBSOCKETS, MAX_WEBSOCKETS_OF_USER, LiveEndpoint
+from drivebus.web.live.endpoint import LIVE_ACTOR, MAX_WEBSOCKETS, LiveEndpoint
 from drivebus.web.live.messages import MAX_PATTERNS, MAX_RENEWALS, parse_interval, parse_message, parse_patterns
 from fixtures.live import FakeSubscriber, FakeWebSocket, Json, signal, snapshot, update
 from fixtures.rest_api import FakeService
@@ -572,7 +572,7 @@ def test_too_many_messages_end_the_connection() -> None:
 
 def test_websockets_beyond_the_limit_are_refused() -> None:
     async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
-        sockets = [FakeWebSocket(remote_actor(f"user-{number % 3}")) for number in range(MAX_WEBSOCKETS + 1)]
+        sockets = [FakeWebSocket(remote_actor(f"user-{number}")) for number in range(MAX_WEBSOCKETS + 1)]
         tasks = [begin(live, socket) for socket in sockets]
         await asyncio.sleep(0.1)
         assert [socket.closed for socket in sockets] == [None] * MAX_WEBSOCKETS + [(1013, "many")]
@@ -589,11 +589,11 @@ def test_one_user_leaves_websockets_to_the_others() -> None:
 
     async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
         viewer, program = (remote_actor(name, Role.VIEWER) for name in ("eve", "eve/report"))
-        sockets = [FakeWebSocket((viewer, program)[number % 2]) for number in range(MAX_WEBSOCKETS_OF_USER + 1)]
+        sockets = [FakeWebSocket((viewer, program)[number % 2]) for number in range(MAX_WEBSOCKETS // 2 + 1)]
         operator = FakeWebSocket(remote_actor("bob"))
         tasks = [begin(live, socket) for socket in (*sockets, operator)]
         await asyncio.sleep(0.1)
-        assert [socket.closed for socket in sockets] == [None] * MAX_WEBSOCKETS_OF_USER + [(1013, "many")]
+        assert [socket.closed for socket in sockets] == [None] * (MAX_WEBSOCKETS // 2) + [(1013, "many")]
         assert operator.closed is None
         sockets[0].incoming.put_nowait(None)
         await asyncio.sleep(0.1)
@@ -602,6 +602,23 @@ def test_one_user_leaves_websockets_to_the_others() -> None:
         await asyncio.sleep(0.1)
         assert again.closed is None
         for socket in (*sockets[1:], operator, again):
+            socket.incoming.put_nowait(None)
+        await asyncio.gather(*tasks)
+        assert live.open == 0
+
+    run_endpoint(scenario)
+
+
+def test_two_users_together_leave_websockets_to_the_others() -> None:
+    """Each could open half of them: two viewers, or one with two accounts, had them all."""
+
+    async def scenario(plant: FakeService, live: LiveEndpoint) -> None:
+        flood = [FakeWebSocket(remote_actor(name, Role.VIEWER)) for name in ("eve", "mallory") * MAX_WEBSOCKETS]
+        operator = FakeWebSocket(remote_actor("bob"))
+        tasks = [begin(live, socket) for socket in (*flood, operator)]
+        await asyncio.sleep(0.1)
+        assert operator.closed is None
+        for socket in (*flood, operator):
             socket.incoming.put_nowait(None)
         await asyncio.gather(*tasks)
         assert live.open == 0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 from starlette.websockets import WebSocket
 
 from drivebus.gateways.upstream import UpstreamFeed
@@ -11,13 +9,13 @@ from drivebus.service.api.operations import API_PREFIX
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import Right
 from drivebus.service.ipc.service_client import ServiceClient
+from drivebus.service.user_quota import UserQuota
 from drivebus.web.context import credential_of
 from drivebus.web.live.messages import DEFAULT_PATTERNS, parse_interval, parse_patterns
 from drivebus.web.live.session import WebSocketSession, close_socket
 from drivebus.web.route import WEBSOCKET, AccessRouter
 
-MAX_WEBSOCKETS = 300  # each costs memory
-MAX_WEBSOCKETS_OF_USER = 150  # sessions and tokens together: one user leaves places to the others
+MAX_WEBSOCKETS = 300  # each costs memory; sessions and tokens of a user share one quota
 LIVE_ACTOR = Actor("web", frozenset({Right.VIEW}), "web-live", address="local")
 
 
@@ -27,12 +25,12 @@ class LiveEndpoint:
     def __init__(self, service: ServiceClient) -> None:
         self._service = service
         self._feed = UpstreamFeed(service, LIVE_ACTOR)
-        self._open_by_user: Counter[str] = Counter()
+        self._quota = UserQuota(MAX_WEBSOCKETS)
 
     @property
     def open(self) -> int:
         """Number of WebSockets that are open."""
-        return self._open_by_user.total()
+        return self._quota.held
 
     def close(self, reason: str) -> None:
         """Close every WebSocket with a reason of ``CLOSE_CODES``."""
@@ -48,13 +46,10 @@ class LiveEndpoint:
         except ValueError:
             return await close_socket(socket, "bad_message")
         user = credential_of(socket).actor.user
-        if self.open >= MAX_WEBSOCKETS or self._open_by_user[user] >= MAX_WEBSOCKETS_OF_USER:
+        if not self._quota.has_place(user):
             return await close_socket(socket, "many")
-        self._open_by_user[user] += 1
-        try:
+        with self._quota.place(user):
             await WebSocketSession(socket, self._service, self._feed, interval_s).run(patterns)
-        finally:
-            self._open_by_user -= Counter({user: 1})  # without users of whom none is open
         return None
 
 
