@@ -35,6 +35,15 @@ def test_a_command_in_the_text_of_an_alarm_is_shown_as_code(
         stage.do(lambda: change(plant.clear_alarm))
 
 
+def test_on_a_small_desktop_the_sentence_of_an_alarm_has_more_room_than_its_buttons(stage: Stage, visit: Any) -> None:
+    """Regression: it stood in a column of 144 px beside an empty place of 280 px."""
+    trip(stage, "pump-2")
+    page = visit("#/alarms", size=(1024, 768))
+    row = page.locator(".alarmrow", has_text="Feed pump").first
+    sentence, buttons = (row.locator(part).bounding_box() for part in (".what", ".do"))
+    assert sentence["width"] > buttons["width"]
+
+
 def test_an_alarm_is_shelved_with_a_reason_and_taken_back(stage: Stage, visit: Any, expect: Any) -> None:
     trip(stage, "pump-2")
     page = visit("#/alarms")

@@ -508,6 +508,27 @@ def test_signals_are_chosen_stored_in_the_address_and_exported_as_a_file(stage: 
     assert saved.value.path().read_text().startswith("time,tag,")
 
 
+def test_the_signals_of_ten_drives_are_listed_in_the_order_of_their_numbers(visit: Any) -> None:
+    """Regression: fan-10 stood before fan-2, and the output frequency below signals that are used less."""
+    drives = [f"fan-{n}" for n in range(1, 11)]
+    signals = ("dc_bus_voltage", "output_frequency")
+    tags = sorted((f"{drive}.{signal}", drive, signal) for drive in drives for signal in signals)
+    known = [
+        {"tag": tag, "drive": drive, "signal": signal, "unit": "", "text": {"en": signal, "zh": signal}}
+        for tag, drive, signal in tags
+    ]
+    page = visit("#/fleet")
+    page.route("**/api/v1/history/tags", lambda route: route.fulfill(json={"tags": known}))
+    page.route("**/api/v1/history/trend?**", lambda route: fulfill_history(route, [0.0] * 600, [0] * 600))
+    go_to(page, "history")
+    page.click(".picker summary")
+    boxes = page.locator(".pickdrives fieldset")
+    expecting()(boxes).to_have_count(len(drives))
+    first, last = boxes.first.inner_text(), boxes.last.inner_text()
+    assert first.index("output frequency") < first.index("DC bus voltage")
+    assert last.startswith("fan-10")
+
+
 def test_a_value_of_a_lost_bus_is_not_shown_as_live(stage: Stage, visit: Any) -> None:
     page = visit("#/history?tags=pump-1.output_frequency")
     page.locator(".trend-readout td .value.good").wait_for()

@@ -5,6 +5,8 @@ import { api } from "../api.js";
 import { loadPreference, savePreference } from "../preferences.js";
 import { navigations, replaceQuery } from "../router.js";
 import { loadStylesheet } from "../stylesheet.js";
+import { signalRank } from "../signal-names.js";
+import { collator } from "../titles.js";
 import { ErrorNote, Loading, Notice, useLoaded } from "../ui.js";
 import { Export } from "../trend/export.js";
 import { SignalPicker, labelOf } from "../trend/signal-picker.js";
@@ -17,11 +19,17 @@ await loadStylesheet("pages");
 const MAX_SIGNALS = 16;
 const UPDATE_DELAY_MS = 500;
 
+/** Tags by drive, pump-2 before pump-10, and the most used signals of each drive first. */
+async function sortedTags() {
+  const { tags } = await api.get("/history/tags");
+  return tags.sort((a, b) => collator.compare(a.drive, b.drive) || signalRank(a.signal) - signalRank(b.signal));
+}
+
 export function Page({ query }) {
-  const [found, error] = useLoaded(() => api.get("/history/tags"), []);
-  if (error && !found) return html`<h1>${t("page.nav_history")}</h1><${ErrorNote} error=${error} />`;
-  return html`<h1>${t("page.nav_history")}</h1>${found ? html`<${SelectedSignals} key=${navigations.value}
-    tags=${found.tags} query=${query} />` : html`<${Loading} />`}`;
+  const [tags, error] = useLoaded(sortedTags, []);
+  if (error && !tags) return html`<h1>${t("page.nav_history")}</h1><${ErrorNote} error=${error} />`;
+  return html`<h1>${t("page.nav_history")}</h1>${tags ? html`<${SelectedSignals} key=${navigations.value}
+    tags=${tags} query=${query} />` : html`<${Loading} />`}`;
 }
 
 function SelectedSignals({ tags, query }) {
