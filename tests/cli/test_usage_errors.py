@@ -19,7 +19,17 @@ from drivebus.cli import errors, extras, output
 from drivebus.cli.main import cli
 from drivebus.drives.permissives import CommandKind
 from drivebus.drives.state import DriveState
-from drivebus.errors import DrivebusError, EchoError, NoReply, ProtocolError, StartInhibited, StopUnconfirmed
+from drivebus.errors import (
+    DrivebusError,
+    EchoError,
+    NoReply,
+    OutcomeUnknown,
+    ProtocolError,
+    StartInhibited,
+    StopUnconfirmed,
+    TargetNotReached,
+    TrailingError,
+)
 from drivebus.service.auth.errors import AccessDenied
 from drivebus.service.auth.rights import Right
 from fixtures.service import SHOP_FILE
@@ -143,6 +153,32 @@ def test_a_write_that_doubled_replies_withhold_names_a_repeater_in_its_remedy(
     hint = errors.error_hint(StartInhibited("drives.duplicate", station=1)) or ""
     assert hint == i18n.text("hint.bus.second_reply", language)
     assert ("repeater" if language == "en" else "中继器") in hint
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize(
+    ("error", "step"),
+    [
+        (TargetNotReached("drives.start_failed", state=DriveState.FAULT), "drivebus reset"),
+        (TargetNotReached("drives.started_and_tripped", state=DriveState.FAULT), "drivebus reset"),
+        (TargetNotReached("drives.start_failed", state=DriveState.NOT_READY), "drivebus status"),
+        (StartInhibited("drives.state_forbids", kind="start", state=DriveState.NOT_READY), "drivebus status"),
+        (TargetNotReached("drives.start_ignored", state=DriveState.STOPPED, after_s=3.0), "keypad-settings"),
+        (TargetNotReached("drives.write_differs", notation="F1.10", value=1, found=0, unit=""), "drivebus read"),
+        (OutcomeUnknown("drives.write_unknown", notation="F1.10", value=1, unit="", why="no reply"), "drivebus read"),
+        (StopUnconfirmed("drives.stop_port_lost", why="hang-up", sent=1), "drivebus ports"),
+        (NoReply("bus.truncated", station=1, bytes=9, milliseconds=50, attempt=1), "reply_delay_s"),
+        (NoReply("bus.offline", station=1), "echo=on"),
+        (NoReply("bus.only_own_frame", station=1, milliseconds=50, attempt=1), "serial:///dev/ttyUSB0?echo=off"),
+        (TrailingError("bus.second_reply", station=1), "echo=off"),
+    ],
+)
+def test_what_a_drive_did_not_do_is_answered_with_the_next_step(
+    error: DrivebusError, step: str, language: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each stood without a step, or with the advice to check the address of a drive that had answered."""
+    monkeypatch.setattr("drivebus.cli.output.language", lambda: language)
+    assert step in (errors.error_hint(error) or "")
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])

@@ -6,12 +6,13 @@ import asyncio
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from drivebus import ports, profiles
+from drivebus import i18n, ports, profiles
 from drivebus.bus import Bus
 from drivebus.cli import output
 from drivebus.cli.errors import ExitCode
@@ -583,6 +584,28 @@ def test_a_scan_names_a_whole_reply_that_is_not_accepted_with_its_remedy_and_no_
     for text in named or [output.text("scan.no_valid_reply")]:
         assert "".join(text.split()) in shown
     assert ("".join(output.text("scan.no_valid_reply").split()) in shown) is (key is None)
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_model_that_fits_only_partly_because_its_replies_come_twice_is_not_called_another_model(
+    language: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first reply came once; "probably another model" sent its reader to the name plate."""
+    numbers = count()
+
+    def twice_later(frame: bytes) -> bytes:
+        head = bytes([2, 3, 2 * frame[5], *[0] * (2 * frame[5] - 1), 1])
+        reply = head + crc16(head).to_bytes(2, "little")
+        return reply * (1 if next(numbers) == 0 else 2)
+
+    monkeypatch.setattr(output, "language", lambda: language)
+    (found,), _ = scan_device(twice_later, after_s=0.04, models=([profiles.load("vc660")],))
+    assert (found.models, found.fits_partly) == (("vc660",), True)
+    print_scan("x", ScanProgress(total_s=1.0, found=[found]), None, ExitCode.DONE)
+    shown = "".join(capsys.readouterr().out.split())
+    for text in (i18n.text("bus.second_reply", language, station=2), output.text("hint.bus.second_reply")):
+        assert "".join(text.split()) in shown
+    assert "".join(output.text("scan.partly").split()) not in shown
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])

@@ -207,6 +207,8 @@ def test_an_undocumented_fault_code_is_rejected() -> None:
         dzb100.Dzb100Query(1, 3), dzb100.Dzb100Reply(head="Q", address=1, index=3, data=0x0099, accepted=True), 1.0
     )
     assert facts["fault"].quality is Quality.BAD
+    state = facts["state"]
+    assert (state.raw, state.quality, state.reason) == (0x0099, Quality.BAD, "drives.not_documented"), "it was missing"
     assert judged_dzb((0, 0), (0x0099, 0x0099)) is None
 
 

@@ -132,3 +132,4 @@ def test_a_c320_that_gave_no_reply_after_its_start_may_run_at_another_frequency_
     outcome = bus.run(run(operation_for(bus.dialect), 20.0, None))
     assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.start_confirmed")
     assert [key for key, _ in outcome.notes] == (["drives.start_interrupted"] if reboots else [])
+    assert all(note.startswith("valid replies were missing") for note in outcome.note_texts("en")), "or not readable"

@@ -275,6 +275,22 @@ def test_a_drive_that_trips_on_the_start_did_not_start() -> None:
     )
 
 
+def test_a_drive_that_trips_while_it_accelerates_is_reported_as_not_running() -> None:
+    """It turned for 0.15 s and reported an over-current while accelerating: "the drive did not start"."""
+
+    def accelerates_and_trips(fake: FakeC320, request: sunfar.SunfarControl) -> Any:
+        fake.state = sunfar.SunfarState.ACCELERATING_FORWARD
+        reply = fake.ok()
+        fake.state, fake.fault_code = sunfar.SunfarState.FAULT, 7
+        return reply
+
+    bus, op = c320(FakeC320(on_command=accelerates_and_trips))
+    outcome = start(bus, op)
+    assert outcome.status is OutcomeStatus.FAILED
+    assert outcome.text("en") == "the drive does not run: it reports fault"
+    assert outcome.text("zh") == "变频器未运行：报告故障"
+
+
 @pytest.mark.parametrize("state", [sunfar.SunfarState.NOT_READY, sunfar.SunfarState.EMERGENCY_STOP])
 def test_a_drive_without_supply_or_in_emergency_stop_after_the_start_is_reported_at_once(state: int) -> None:
     def refuses(fake: FakeC320, request: sunfar.SunfarControl) -> Any:

@@ -80,7 +80,7 @@ def print_scan(
     )
     if progress.found or progress.done_s > 0:
         output.print_text(_scan_table(progress.found))
-    named = (drive.unusable_reply for drive in progress.found if drive.unreadable)  # no other row of the table names it
+    named = (drive.unusable_reply for drive in progress.found if drive.unreadable or drive.fits_partly)
     for hint in dict.fromkeys(filter(None, (error_hint(error) for error in named if error is not None))):
         output.print_wrapped(hint)
     note_unsent(progress)
@@ -124,7 +124,7 @@ def _note(drive: DetectedDrive) -> str:
     if not drive.models:
         return output.text("scan.rejected", family=drive.family)
     if drive.fits_partly:
-        return output.text("scan.partly")
+        return error_text(drive.unusable_reply) if drive.unusable_reply is not None else output.text("scan.partly")
     if not drive.doubtful:
         return ""
     models_by_step: dict[float | None, list[str]] = {}

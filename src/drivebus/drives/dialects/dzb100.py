@@ -156,11 +156,10 @@ class Dzb100Dialect(Dialect):
         try:
             word = StateWord.parse(data, self.options.get("fault_coding", "decimal"))
         except ProtocolError:
-            return {
-                "fault": Reading(
-                    value=None, unit="", quality=Quality.BAD, source_time=at, reason="drives.not_documented", raw=data
-                )
-            }
+            unlisted = Reading(
+                value=data, unit="", quality=Quality.BAD, source_time=at, reason="drives.not_documented", raw=data
+            )
+            return {"state": unlisted, "fault": unlisted}
         return {
             "state": Reading(
                 value=data,
