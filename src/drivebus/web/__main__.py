@@ -44,10 +44,8 @@ class WebProcess:
 
 def _auth_service(arguments: GatewayArguments[WebConfig]) -> AuthService:
     auth = AuthService(arguments.directory, arguments.user_file, had_users=arguments.had_users)
-    if not auth.needs_setup:
-        auth.setup_secret.consume()  # an administrator may have been added on the command line
-        if not auth.session_store.exists:  # the sign of a plant that had users
-            auth.session_store.write(auth.sessions.stored())
+    if not auth.needs_setup and not auth.session_store.exists:  # the sign of a plant that had users
+        auth.session_store.write(auth.sessions.stored())
     return auth
 
 

@@ -122,6 +122,8 @@ class HttpServer:
         serving = asyncio.create_task(server.serve([listener]))
         try:
             while not self._ending.is_set() and host == listen_host(self.web, self.auth) and not serving.done():
+                if not self.auth.needs_setup:
+                    self.auth.setup_secret.consume()  # an administrator may have been added on the command line
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(self._ending.wait(), _CHECK_INTERVAL_S)
                 if tls is not None:

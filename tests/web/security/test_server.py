@@ -25,8 +25,9 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
 from drivebus.errors import ConfigurationError
+from drivebus.service.auth.errors import NotAuthenticated
 from drivebus.service.auth.service import AuthService
-from drivebus.service.auth.users import UserFile
+from drivebus.service.auth.users import UserDatabase
 from drivebus.service.ipc.client import SocketClient
 from drivebus.service.process.gateway_arguments import GatewayArguments
 from drivebus.web import __main__ as web_process
@@ -424,17 +425,23 @@ async def test_a_garbage_collection_does_not_traverse_the_whole_app(
     assert frozen[0] > before
 
 
-def test_a_set_up_secret_ends_with_its_file_where_an_administrator_is_added_on_the_command_line(tmp_path: Path) -> None:
-    users = UserFile(tmp_path / "users.json")
-    arguments = GatewayArguments(
-        socket=tmp_path / "socket", directory=tmp_path, user_file=users.path, settings=WebConfig(port=0)
-    )
-    secret_file = tmp_path / "setup-secret"
-    web_process._auth_service(arguments).setup_secret.issue()
-    assert secret_file.exists()
-    users.change(lambda _: USERS)
-    web_process._auth_service(arguments)
-    assert not secret_file.exists()
+@pytest.mark.parametrize("left_by", ["this process", "the one before"])
+async def test_a_set_up_secret_ends_with_its_file_where_an_administrator_is_added_on_the_command_line(
+    tmp_path: Path, left_by: str
+) -> None:
+    """It stayed valid until the next start: where that administrator was removed again, it set the plant up."""
+    harness = WebAppHarness(tmp_path, users=False)
+    secret = harness.auth.setup_secret.issue()
+    if left_by == "the one before":
+        harness = WebAppHarness(tmp_path, users=False)
+    async with serving(harness, WebConfig(port=0)):
+        assert (tmp_path / "setup-secret").exists()
+        harness.auth.user_file.change(lambda _: USERS)
+        while (tmp_path / "setup-secret").exists():  # noqa: ASYNC110  the server looks every second
+            await asyncio.sleep(0.05)
+        harness.auth.user_file.change(lambda _: UserDatabase())
+        with pytest.raises(NotAuthenticated):
+            await harness.auth.create_first_administrator(secret, "eve", "a long enough pass phrase", "127.0.0.1")
 
 
 async def test_a_stop_works_beside_500_idle_connections(tmp_path: Path) -> None:
