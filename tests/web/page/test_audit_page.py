@@ -41,6 +41,18 @@ def test_a_result_that_changed_nothing_is_no_failure(stage: Stage, visit: Any, e
     expect(newest).not_to_have_class(re.compile("bad"))
 
 
+def test_on_a_narrow_phone_a_long_name_of_a_user_stands_beside_the_time_of_the_record(visit: Any) -> None:
+    """Regression: the name stood over the last digits of the time."""
+    page = visit("#/audit", role="administrator", size=(320, 640))
+    entry = page.locator(".entry", has_text="administrator").first
+    time_end = entry.locator("time").first.evaluate("""(one) => {
+      const text = document.createRange();
+      text.selectNodeContents(one);
+      return text.getBoundingClientRect().right;
+    }""")
+    assert time_end < entry.locator(".user").bounding_box()["x"]
+
+
 def test_a_search_of_the_trail_without_a_match_says_so(stage: Stage, visit: Any, expect: Any) -> None:
     """Regression: an empty box stood there, above the number of all records."""
     stage.call("start_inhibit.release", drive="fan-1")

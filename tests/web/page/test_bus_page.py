@@ -60,6 +60,17 @@ def test_frames_are_filtered_by_direction_station_and_content(visit: Any, expect
     expect(page.locator(".frames-box .help")).to_have_text(page_text("no_frames"))
 
 
+def test_a_long_time_between_two_frames_is_named_in_minutes(visit: Any, expect: Any) -> None:
+    """Regression: +794000 ms stood over the arrow of its row."""
+    common = {"kind": "sent", "station": 1, "hex": "AA BB", "text": {"en": "", "zh": ""}, "error": None, "time_ms": 0}
+    frames = [{**common, "n": -2, "time_s": 0.0}, {**common, "n": -1, "time_s": 794.0}]
+    page = visit("#/buses", size=(1024, 768))
+    page.route("**/api/v1/buses/pumps/frames?**", lambda route: route.fulfill(json={"frames": frames}))
+    page.evaluate("location.hash = '#/buses/pumps'")
+    page.fill(".framelog input[type=search]", "AA BB")
+    expect(page.locator(".frame .gap")).to_have_text(["", "+13 min"])
+
+
 def test_a_bus_shows_a_missing_adapter_until_it_is_back(stage: Stage, visit: Any, expect: Any) -> None:
     page = visit("#/buses/pumps")
     card = page.locator(".buscard[aria-current]")

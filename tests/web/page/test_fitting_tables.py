@@ -49,6 +49,15 @@ def test_no_cell_of_the_parameters_of_a_drive_is_cut_off_on_a_phone(stage: Stage
     assert name["x"] + name["width"] <= read["x"] and read["y"] < field["y"]
 
 
+def test_on_a_narrow_phone_no_choice_of_the_export_is_cut_off(visit: Any) -> None:
+    """Regression: of *CSV, one row a value, with quality* the last word was cut off."""
+    page = visit("#/history", size=(320, 640))
+    choice = page.locator(".export .choice").nth(1)
+    right = "(one) => one.getBoundingClientRect().right"
+    end = choice.evaluate(right)
+    assert max(button.evaluate(right) for button in choice.locator("button").all()) <= end
+
+
 WORDS_OF_TWO_LINES = """all => all.flatMap((one) => {
   const texts = document.createTreeWalker(one, NodeFilter.SHOW_TEXT), broken = [];
   while (texts.nextNode()) {

@@ -2,7 +2,7 @@
 import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../lib.js";
 import { localized, language, t } from "../i18n.js";
 import { api } from "../api.js";
-import { NO_VALUE, clock } from "../format.js";
+import { NO_VALUE, clock, duration } from "../format.js";
 import { subscribe } from "../live.js";
 import { topic } from "../store.js";
 import { SearchField } from "../search.js";
@@ -96,11 +96,13 @@ function FrameRow({ frame, before }) {
     language.value]);
 }
 
+const gapText = (gap_ms) => (gap_ms < 10_000 ? `${gap_ms.toFixed(gap_ms < 100 ? 1 : 0)} ms` : duration(gap_ms / 1000));
+
 /** `gap_ms` is the time since the row above. */
 function row(frame, gap_ms) {
   return html`<div class=${`frame ${frame.kind} ${frame.error ? "wrong" : ""}`}>
     <time>${clock(frame.time_ms, true)}</time>
-    <span class="gap">${gap_ms === null ? "" : `+${gap_ms.toFixed(gap_ms < 100 ? 1 : 0)} ms`}</span>
+    <span class="gap">${gap_ms !== null && `+${gapText(gap_ms)}`}</span>
     <span class="sign" aria-hidden="true">${KIND_ICONS[frame.kind] ?? "·"}</span><span
       class="sr">${t(`page.frame_kind_${frame.kind}`)}</span>
     <span class="station">${frame.station ?? ""}</span>
