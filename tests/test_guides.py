@@ -89,6 +89,15 @@ def test_every_command_that_a_page_mentions_exists() -> None:
     assert sorted(one for one in found if not is_command(*one[1:])) == []
 
 
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_a_page_adds_the_user_whose_token_it_makes(page: Path) -> None:
+    """Regression: the token of a user ``prometheus`` who did not exist."""
+    text = page.read_text(encoding="utf-8")
+    assert set(re.findall(r"drivebus user token \S+ (\w+)", text)) <= set(
+        re.findall(r"drivebus user add \S+ (\w+)", text)
+    )
+
+
 def run_in_fresh_shell(script: str, home: Path) -> str:
     """Run commands one after another as a newcomer does, in an empty folder; return what they print."""
     path = f"{Path(sys.executable).parent}:/usr/bin:/bin"
