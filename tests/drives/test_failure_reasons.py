@@ -12,7 +12,7 @@ from drivebus import i18n
 from drivebus.cli.errors import error_hint
 from drivebus.drives import DriveStatus
 from drivebus.drives.state import DriveState
-from drivebus.errors import DrivebusError, PreflightError
+from drivebus.errors import DrivebusError, PreflightError, StartInhibited
 from drivebus.protocols.checksum import sum16
 from drivebus.protocols.modbus.rtu import build_frame
 from drivebus.simulator.port import simulated_bus_of
@@ -180,6 +180,30 @@ def test_a_reply_from_another_address_is_named_and_starts_stay_refused(model: st
     errors = errors_of(model, misaddress, foreign_master=True)
     assert_named(errors, "bus.other_station_replied")
     assert "address 2" in errors[0].text() and "station 1" in errors[0].text()
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_start_after_replies_from_another_address_is_not_refused_because_of_another_master_alone(model: str) -> None:
+    """ "Another master is active on this bus" sent its reader to search for one, where a drive changed its address."""
+
+    async def scenario() -> StartInhibited:
+        async with SimulatedDrives(model) as bench:
+            drive = bench.drive()
+            await drive.status()
+            bench.station().faults.wrong_address = 2
+            for _ in range(2):
+                with pytest.raises(DrivebusError):
+                    await drive.status()
+            bench.station().faults.wrong_address = None
+            await asyncio.sleep(2.0)
+            await drive.status()
+            with pytest.raises(StartInhibited) as caught:
+                await drive.run(SAFE_HZ[model])
+            return caught.value
+
+    error = run_virtual(scenario())
+    assert error.key == "drives.foreign_master"
+    assert "or a drive replies under" in error.text("en") and "或有变频器" in error.text("zh")
 
 
 def test_a_rejection_from_another_address_is_named_and_not_called_silence() -> None:
