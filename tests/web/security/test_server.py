@@ -429,7 +429,7 @@ async def test_a_garbage_collection_does_not_traverse_the_whole_app(
 async def test_a_set_up_secret_ends_with_its_file_where_an_administrator_is_added_on_the_command_line(
     tmp_path: Path, left_by: str
 ) -> None:
-    """It stayed valid until the next start: where that administrator was removed again, it set the plant up."""
+    """It stayed valid until the next start: where an older file of users was put back, it set the plant up."""
     harness = WebAppHarness(tmp_path, users=False)
     secret = harness.auth.setup_secret.issue()
     if left_by == "the one before":
