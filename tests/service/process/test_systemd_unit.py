@@ -44,6 +44,12 @@ def test_the_service_comes_before_other_work_of_the_machine_and_its_gateways() -
     assert precedence < precedence + NICE_GATEWAY < 0
 
 
+def test_the_service_can_read_whether_the_clock_is_synchronized() -> None:
+    """``ProtectClock`` and a filter without ``@clock`` block adjtimex(2) altogether, reading included."""
+    assert service()["CapabilityBoundingSet"] == "", "the clock cannot be set"
+    assert not {"ProtectClock", "SystemCallFilter"} & service().keys()
+
+
 def test_systemd_accepts_the_unit(tmp_path: Path) -> None:
     """Runs only where systemd is installed."""
     if (analyze := shutil.which("systemd-analyze")) is None:
