@@ -20,9 +20,12 @@ from drivebus.bus import Bus
 from drivebus.capture.dbcap import BytesRecord, Capture, CaptureHeader
 from drivebus.cli import output
 from drivebus.cli.commands import monitor
+from drivebus.cli.commands.init import ModelQuestions, _bus_answer
+from drivebus.cli.commands.monitor import _report_left_out
 from drivebus.cli.demo.plant import PtyDemoPlant
 from drivebus.cli.main import cli
 from drivebus.cli.output import table, width, wrap
+from drivebus.cli.scanning import select_alike
 from drivebus.cli.tui.app import MonitorApp
 from drivebus.cli.tui.bus_source import BusRowSource
 from drivebus.cli.tui.capture_source import CapturePlayer
@@ -496,6 +499,34 @@ def test_a_capture_counts_missing_and_damaged_replies() -> None:
     assert row.cell("output_frequency") == "50.00"
     assert row.oldest_value_at == pytest.approx(0.03)
     assert dict(player.activity.errors) == {"NoReply": 1, "ChecksumError": 1}
+
+
+@pytest.mark.parametrize(("language", "again"), [("en", "again"), ("zh", "重新")])
+@pytest.mark.parametrize("command", ["monitor", "init"])
+def test_a_drive_found_in_another_encoding_alone_is_to_be_searched_again(
+    command: str, language: str, again: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A C320 whose reply in the encoding of the others was lost was to be moved to a bus of its own."""
+    monkeypatch.setattr(output, "language", lambda: language)
+    first, second = (
+        scan.DetectedDrive(
+            models=("c320",),
+            setpoint_steps_hz={},
+            family="sunfar",
+            encoding=encoding,
+            address=address,
+            settings=SerialSettings.parse(9600, "8E1"),
+            exchange=(b"", b""),
+        )
+        for address, encoding in ((1, "ascii"), (2, "hex"))
+    )
+    if command == "monitor":
+        assert select_alike([first, second], _report_left_out) == [first]
+    else:
+        bus = _bus_answer("sim://c320@1-2", [first, second], (), ModelQuestions(is_interrupted=True))
+        assert [drive.address for drive in bus.drives] == [1]
+    note = capsys.readouterr().err
+    assert again in note and ("encoding" if language == "en" else "编码") in note
 
 
 def test_monitor_shows_a_drive_that_answers_in_two_encodings_once(monkeypatch: pytest.MonkeyPatch) -> None:
