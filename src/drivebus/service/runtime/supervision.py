@@ -119,7 +119,7 @@ class SupervisionCycle:
             yield partial(self._watchdog.feed_watchdog, plant.buses.values(), plant.now())
 
     async def _check_disk(self) -> None:
-        """Read the free space and the certificates in a thread, as a disk that hangs delays no bus, and the clock."""
+        """Read the clock, and in threads free space, certificates and installed files: no bus waits for a hung disk."""
         plant, config = self._plant, self._plant.config
         plant.clock_synchronized = is_clock_synchronized()
         plant.disk_space = await asyncio.to_thread(_disk_space, config.directory)
