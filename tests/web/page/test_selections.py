@@ -55,6 +55,16 @@ def test_the_tab_key_passes_the_drives_of_a_dialog_in_one_step_and_enter_among_t
     assert all(stage.view(drive)["start_inhibited"] for drive in stage.service.plant.drives)
 
 
+def test_a_long_name_in_a_dialog_for_many_drives_covers_no_other_name(stage: Stage, visit: Any) -> None:
+    """Regression: on a phone its lines stood over the names of the drives below it."""
+    page = visit("#/fleet?group=air", size=(360, 560))
+    page.click(".stop[data-stop=all]")
+    page.click(".stopbar [data-select]")
+    name = page.locator("dialog .check").first
+    name.evaluate("(one) => one.append(' Smoke extraction fan'.repeat(10))")
+    assert name.evaluate("(one) => one.scrollHeight - one.clientHeight") <= 1
+
+
 @pytest.mark.parametrize("size", [(640, 450), (740, 360)], ids=["zoomed", "phone on its side"])
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_on_a_low_screen_the_reason_of_a_waiver_is_seen_above_the_buttons(

@@ -34,9 +34,12 @@ function BusLocation({ view }) {
 /** Notes on the state, most urgent first. Their place is reserved: one that comes or goes moves no button. */
 function StateNotes({ view }) {
   const reason = view.state === "unknown" && view.state_reason && (localized(view.unusable_reply?.text) || t(view.state_reason));
-  const notes = [view.stop_pending && html`<b class="alarmtext" role="alert">${t("page.stop_pending")}</b>`,
-    view.start_inhibited && html`<b class="alarmtext">${t("page.start_inhibited")}</b>`, reason].filter(Boolean);
-  return html`<p class="state-notes soft"><span>${notes.map((note, n) => html`${n > 0 && " · "}${note}`)}</span></p>`;
+  const pending = view.stop_pending && t("page.stop_pending");
+  const inhibited = view.start_inhibited && t("page.start_inhibited");
+  const notes = [pending && html`<b class="alarmtext" role="alert">${pending}</b>`,
+    inhibited && html`<b class="alarmtext">${inhibited}</b>`, reason].filter(Boolean);
+  return html`<p class="state-notes soft" title=${[pending, inhibited, reason].filter(Boolean).join(" · ")}><span>${
+    notes.map((note, n) => html`${n > 0 && " · "}${note}`)}</span></p>`;
 }
 
 function Head({ view }) {
