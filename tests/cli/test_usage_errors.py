@@ -121,6 +121,15 @@ def test_a_command_of_a_port_says_that_it_does_not_work_through_a_service(comman
     assert (result.exit_code, step in result.output.replace("\n", " ")) == (2, True), result.output
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_frequency_behind_the_option_of_another_command_is_answered_with_its_place(language: str) -> None:
+    """``run`` takes --frequency: nothing named where ``set-frequency`` takes it."""
+    words = ["set-frequency", "sim://vc660@1", "--frequency", "2", "--model", "vc660", "--address", "1"]
+    result = run_words(words, language)
+    step = "`drivebus set-frequency PORT 25`"
+    assert (result.exit_code, step in " ".join(result.output.split())) == (2, True), result.output
+
+
 @pytest.mark.parametrize(("model", "exit_code"), [("c320", 1), ("vc660", 3), ("dzb100", 1), ("df800", 3)])
 def test_bytes_that_are_no_reply_are_answered_with_the_remedy_that_a_stop_promises_of_a_status(
     model: str, exit_code: int
