@@ -105,22 +105,25 @@ def test_priorities_go_in_their_order_and_each_first_come_first_served() -> None
             RequestPriority.PROBE,
             RequestPriority.POLL,
             RequestPriority.PARAMETER,
+            RequestPriority.STOP_READ,
             RequestPriority.COMMAND,
         )
         for _ in range(2)
     ]
     scheduler = filled(*requests)
-    assert len(scheduler) == 8
-    assert taken(scheduler, 4) == [*requests[6:], *requests[4:6]]
-    assert taken(scheduler, 4) == [*requests[2:4], *requests[:2]]
+    assert len(scheduler) == 10
+    assert taken(scheduler, 4) == [*requests[8:], *requests[6:8]]
+    scheduler = filled(*requests[:6])
+    assert taken(scheduler, 6) == [*requests[4:6], *requests[2:4], *requests[:2]]
     assert len(scheduler) == 0
 
 
-def test_after_four_commands_a_parameter_has_its_turn() -> None:
+@pytest.mark.parametrize("priority", [RequestPriority.STOP_READ, RequestPriority.PARAMETER])
+def test_after_four_commands_a_stop_read_or_parameter_has_its_turn(priority: RequestPriority) -> None:
     first = station()
     commands, parameters = (
         [make_read(first, RequestPriority.COMMAND) for _ in range(10)],
-        [make_read(first) for _ in range(2)],
+        [make_read(first, priority) for _ in range(2)],
     )
     assert taken(filled(*commands, *parameters), 12) == [
         *commands[:4],
@@ -129,6 +132,16 @@ def test_after_four_commands_a_parameter_has_its_turn() -> None:
         parameters[1],
         *commands[8:],
     ]
+
+
+def test_after_two_stop_reads_a_parameter_has_its_turn() -> None:
+    first = station()
+    stop_reads = [make_read(first, RequestPriority.STOP_READ) for _ in range(6)]
+    parameters = [make_read(first) for _ in range(3)]
+    scheduler = filled(*stop_reads, *parameters)
+    assert taken(scheduler, 4) == [*stop_reads[:2], parameters[0], stop_reads[2]]
+    scheduler.enqueue(command := make_read(first, RequestPriority.COMMAND))
+    assert taken(scheduler, 5) == [command, stop_reads[3], parameters[1], *stop_reads[4:]]
 
 
 def test_commands_without_a_waiting_parameter_do_not_count() -> None:
@@ -141,7 +154,7 @@ def test_commands_without_a_waiting_parameter_do_not_count() -> None:
     assert taken(scheduler, 5) == [*commands[3:7], late]
 
 
-@pytest.mark.parametrize("priority", [RequestPriority.COMMAND, RequestPriority.PARAMETER])
+@pytest.mark.parametrize("priority", [RequestPriority.COMMAND, RequestPriority.STOP_READ, RequestPriority.PARAMETER])
 def test_after_four_urgent_frames_a_poll_has_its_turn(priority: RequestPriority) -> None:
     first, other = station(), station(2)
     urgent, polled = [make_read(first, priority) for _ in range(10)], poll(other)

@@ -1,18 +1,23 @@
-"""Many stops of one drive at once: each has a frame sent after its request, one series of reads confirms them all."""
+"""Stops beside many other requests: each has a frame sent after its request, and is confirmed in time.
+
+One series of reads confirms all stops of a drive that are under way at once.
+"""
 
 from __future__ import annotations
 
 import asyncio
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Coroutine, Iterable
 from dataclasses import dataclass, field
+from itertools import cycle
 from typing import Any
 
 import pytest
 
+from drivebus.bus import Poll
 from drivebus.bus.messages import BusRequest, BusResult, RequestPriority
 from drivebus.bus.trace import TraceEvent, TraceKind
-from drivebus.drives import Drive
+from drivebus.drives import Drive, stop_bus
 from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.operations.steps import OWN_FRAME, BusConditions, GetBusConditions, run_pure
 from drivebus.drives.operations.stop import (
@@ -265,6 +270,74 @@ def test_a_hundred_stops_of_a_drive_again_and_again_do_not_delay_the_confirmatio
 
     outcome, took_s = run_virtual(scenario())
     assert outcome.key == "drives.stop_confirmed" and took_s < 1.5
+
+
+async def write_again_and_again(drive: Drive) -> None:
+    while True:
+        await drive.write({"F1.10": 1})
+
+
+async def read_again_and_again(drive: Drive) -> None:
+    while True:
+        await drive.status()
+
+
+@pytest.mark.parametrize(
+    ("model", "requests_of"),
+    [("c320", write_again_and_again), *((model, read_again_and_again) for model in ("c320", "dzb100", "vc660"))],
+)
+def test_reads_and_writes_of_eight_drives_do_not_delay_the_confirmation_of_a_stop(
+    model: str, requests_of: Callable[[Drive], Coroutine[Any, Any, None]]
+) -> None:
+    """The reads that confirm the stop waited for their turn among those requests, until it was reported."""
+
+    async def scenario() -> tuple[Outcome, float]:
+        async with SimulatedDrives(model, "1-9", query="ramp=0.5") as bench:
+            stopped, *others = (bench.drive(address) for address in range(1, 10))
+            await run_drive(stopped, model)
+            requests = [asyncio.ensure_future(requests_of(drive)) for drive in others for _ in range(3)]
+            await asyncio.sleep(1)
+            began = bench.bus.now()
+            outcome = await outcome_of(stopped)
+            took_s = bench.bus.now() - began
+            for request in requests:
+                request.cancel()
+            await asyncio.gather(*requests, return_exceptions=True)
+            return outcome, took_s
+
+    outcome, took_s = run_virtual(scenario())
+    assert outcome.key == "drives.stop_confirmed" and took_s < 1
+
+
+@pytest.mark.parametrize(
+    ("model", "stopped_count", "read_count"),
+    [*((model, 8, 30) for model in ("c320", "dzb100", "vc660")), ("md500_plus", 20, 1)],
+)
+def test_a_bus_stop_is_confirmed_while_other_drives_are_read_and_all_are_polled_without_a_pause(
+    model: str, stopped_count: int, read_count: int
+) -> None:
+    """An MD500-Plus has the most reads: had parameter requests every other turn, its stops would be reported."""
+
+    async def scenario() -> set[str]:
+        async with SimulatedDrives(model, "1-30", query="ramp=0.5") as bench:
+            drives = [bench.drive(address) for address in range(1, 31)]
+            stopped, others = drives[:stopped_count], drives[stopped_count:]
+            for drive in stopped:
+                await drive.run(SAFE_HZ.get(model, 20.0))
+            for drive in drives:
+                polls = [Poll(request, 0.0) for request in drive.dialect.state_reads()]
+                bench.bus.start_polling(drive.address, polls, lambda _: None)
+            reads = [
+                asyncio.ensure_future(read_again_and_again(drive)) for _, drive in zip(range(read_count), cycle(others))
+            ]
+            await asyncio.sleep(1)
+            report = await stop_bus(bench.bus, stopped)
+            for read in reads:
+                read.cancel()
+            await asyncio.gather(*reads, return_exceptions=True)
+            return {outcome.key for _, outcome in report.outcomes}
+
+    assert run_virtual(scenario()) == {"drives.stop_confirmed"}
 
 
 async def request_behind_a_read(bench: SimulatedDrives, drive: Drive, *commands: str) -> list[Any]:

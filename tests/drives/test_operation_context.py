@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from drivebus import i18n
-from drivebus.bus.messages import BusRequest, BusResult, RequestPriority, RetryPolicy
+from drivebus.bus.messages import BusRequest, BusResult, RetryPolicy
 from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.eeprom_budget import EepromBudget
 from drivebus.drives.operations.context import VERIFICATION_ROUNDS
@@ -92,12 +92,6 @@ def test_evidence_is_bounded_and_in_order() -> None:
     assert len(evidence) == MAX_READ_EXCHANGES
     times = [exchange.sent_at or 0.0 for exchange in evidence]
     assert times == sorted(times)
-
-
-def test_confirming_reads_have_another_priority_than_the_commands_that_a_stop_removes() -> None:
-    bus = PureBus(dialect=dialect_for("c320"), station=FakeC320())
-    bus.run(operation_for(bus.dialect).read_verified_state())
-    assert {ask.priority for ask in bus.requests} == {RequestPriority.PARAMETER}
 
 
 def test_a_drive_that_never_agrees_with_itself_is_unknown_and_says_why() -> None:

@@ -21,6 +21,7 @@ from drivebus.simulator.bus import SimulatedBus
 from drivebus.simulator.port import SimPort
 from drivebus.testing.virtual_time import run
 from drivebus.values import Scale
+from fixtures.system_bench import wait_until
 
 RIGHT = profiles.load("gd200")
 TEN_TIMES = replace(
@@ -46,14 +47,18 @@ class ShownStation(ProfileStation):
         return round(self.show() * 100)
 
 
+def bus_of(stations: list[ShownStation]) -> Bus:
+    simulated = SimulatedBus(stations, line_quality="clean", seed=7)
+    port: Any = SimPort(simulated, simulated.settings, "sim://overspeed", "off")
+    return Bus(port)
+
+
 @asynccontextmanager
 async def bench(profile: DriveProfile) -> AsyncIterator[tuple[Drive, ShownStation]]:
     """Yield the drive of this profile on a simulated drive of the right one, with ramps of 4 s to 50 Hz."""
     station = ShownStation(1, profile=RIGHT)
     station.set_ramps(4.0, 4.0)
-    simulated = SimulatedBus([station], line_quality="clean", seed=7)
-    port: Any = SimPort(simulated, simulated.settings, "sim://overspeed", "off")
-    async with Bus(port) as bus:
+    async with bus_of([station]) as bus:
         yield Drive(bus, profile, 1), station
 
 
@@ -71,6 +76,29 @@ def test_a_drive_that_counts_its_setpoint_ten_times_as_fast_is_stopped_and_the_s
             assert not station.motor.energised and 8.0 < station.highest_hz < 20.0
 
     run(scenario())
+
+
+def test_an_overspeed_is_stopped_almost_as_soon_while_eight_drives_of_the_bus_ramp_down() -> None:
+    """Before other reads, those of the drives that were being stopped put off the ones that watch the start to 39 s."""
+
+    async def scenario() -> float:
+        stations = [ShownStation(address, profile=RIGHT) for address in range(1, 10)]
+        for station in stations:
+            station.set_ramps(4.0, 20.0)
+        async with bus_of(stations) as bus:
+            *others, started = [Drive(bus, RIGHT, a) for a in range(1, 9)] + [Drive(bus, TEN_TIMES, 9)]
+            await asyncio.gather(*(drive.run(45.0, wait=True) for drive in others))
+            start = asyncio.ensure_future(started.run(5.0, wait=True))
+            await wait_until(lambda: stations[-1].motor.energised, 0.01)
+            began = bus.now()
+            stops = [asyncio.ensure_future(drive.stop()) for drive in others]
+            with pytest.raises(TargetNotReached):
+                await start
+            took_s = bus.now() - began
+            assert {outcome.key for outcome in await asyncio.gather(*stops)} == {"drives.stop_confirmed"}
+            return took_s
+
+    assert run(scenario()) < 8.0  # 4.6 s alone on the bus
 
 
 def test_a_stop_that_the_drive_ignores_leaves_the_outcome_unknown(monkeypatch: pytest.MonkeyPatch) -> None:

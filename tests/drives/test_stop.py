@@ -73,6 +73,21 @@ def test_a_stop_has_stop_priority_no_permit_and_no_read_before_it() -> None:
     assert (outcome.status, outcome.key) == (OutcomeStatus.CONFIRMED, "drives.stop_confirmed")
 
 
+def test_the_reads_of_an_operation_have_the_priority_of_a_stop_until_its_stop_has_ended() -> None:
+    """Never that of a command, which a stop removes from the queue."""
+    bus = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD, on_command=stops))
+    op = operation_for(bus.dialect)
+    for operation, priority in (
+        (op.read_verified_state(), RequestPriority.PARAMETER),
+        (stop(op), RequestPriority.STOP_READ),
+        (op.read_verified_state(), RequestPriority.PARAMETER),
+    ):
+        bus.requests.clear()
+        bus.run(operation)
+        reads = [ask for ask in bus.requests if not isinstance(ask.request, sunfar.SunfarControl)]
+        assert {ask.priority for ask in reads} == {priority}
+
+
 def test_the_levels_after_a_stop_pulse_have_a_lower_priority_than_other_stops() -> None:
     bus = PureBus(dialect=dialect_for("vc660"), station=FakeModbus())
     bus.run(stop(operation_for(bus.dialect)))
@@ -585,6 +600,20 @@ def test_a_lower_reading_is_progress_once() -> None:
     op, progress = progress_of()
     op.last_deceleration_at = 103.0
     assert progress.update(104.0) is True and progress.update(105.0) is False
+
+
+def test_a_reading_of_0_hz_is_no_deceleration() -> None:
+    """A motor that had stood for a while before it was read again put off the report of its stop by that time."""
+    fake = FakeC320()
+    bus = c320(fake)
+    op = operation_for(bus.dialect)
+    read_frequency = next(request for request in bus.dialect.state_reads() if isinstance(request, sunfar.ReadMonitor))
+    times = []
+    for fake.output in (3000, 1, 0):
+        bus.pass_time(1.0)
+        bus.run(op.read(read_frequency))
+        times.append(op.last_deceleration_at)
+    assert times[0] is None and times[1] is not None and times[2] == times[1]
 
 
 def test_a_stop_that_another_operation_began_has_the_rest_of_its_time() -> None:

@@ -27,7 +27,7 @@ LOAD_RAMPS_S = (2.0, 0.5, 8.0)
 READER_PRIORITIES = (
     (),
     (RequestPriority.PARAMETER,),
-    (RequestPriority.PARAMETER, RequestPriority.COMMAND, RequestPriority.POLL, RequestPriority.PROBE),
+    tuple(priority for priority in RequestPriority if priority is not RequestPriority.STOP),
 )
 """Priorities in which a read of each drive always waits, besides polls as fast as possible."""
 LOAD_ADDRESSES = range(1, 6)

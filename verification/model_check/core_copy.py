@@ -84,6 +84,7 @@ NAMED_ATTRIBUTES: dict[type, dict[str, str]] = {
         "poll_schedule": "",
         "_urgent_in_row": "",
         "_commands_in_row": "",
+        "_stop_reads_in_row": "",
         "_polls_in_row": "",
         "_last_stop_at": "",
         "_pending_sync_probes": "",

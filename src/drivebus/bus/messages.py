@@ -27,9 +27,11 @@ class RequestPriority(IntEnum):
 
     STOP = 0
     COMMAND = 1
-    PARAMETER = 2
-    POLL = 3
-    PROBE = 4
+    STOP_READ = 2
+    """A read on which a stop waits: of the model before it, of the standstill after it."""
+    PARAMETER = 3
+    POLL = 4
+    PROBE = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

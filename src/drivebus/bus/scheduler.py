@@ -1,11 +1,13 @@
 """Choice of the next frame. ``now`` is an argument; choosing removes only requests that are expired or not permitted.
 
-Priorities: stop > command > parameter > poll > probe, first in first out within a priority. Four fairness rules:
+Priorities: stop > command > stop read > parameter > poll > probe, first in first out within a priority. Five fairness
+rules:
 
-* after four commands a waiting parameter request goes first. The read that confirms a stop has this priority: at a
-  higher one, the reads of drives on a long ramp would delay those by which a start detects an overspeed;
-* after four commands or parameter requests in a row a due sync probe or poll goes first, so that values stay fresh
-  during a parameter backup;
+* after four commands a waiting stop read or parameter request goes first;
+* after two stop reads a waiting parameter request goes first: the reads by which a start detects an overspeed have this
+  priority, and drives on a long ramp are read again and again;
+* after four frames in a row of these three a due sync probe or poll goes first, so that values stay fresh during a
+  parameter backup;
 * the sync probe of an offline station goes before polls, but only within its 10 % share of the bus, so that a full
   bus still finds a drive that comes back;
 * after nine polls in a row a waiting request of priority probe (a scan) goes first.
@@ -26,9 +28,11 @@ from drivebus.bus.station import ProbeBudget, Station
 from drivebus.errors import Expired
 from drivebus.serial_settings import SerialSettings
 
-STOP, COMMAND, PARAMETER, POLL, PROBE = RequestPriority  # reading a member from its class takes four times as long
+# reading a member from its class takes four times as long
+STOP, COMMAND, STOP_READ, PARAMETER, POLL, PROBE = RequestPriority
 NEVER = float("inf")
-MAX_COMMANDS_IN_ROW = 4  # then a waiting parameter request, sync probe or poll goes first
+MAX_COMMANDS_IN_ROW = 4  # then a waiting stop read, parameter request, sync probe or poll goes first
+MAX_STOP_READS_IN_ROW = 2  # then a waiting parameter request goes first
 MAX_POLLS_IN_ROW = 9  # then a waiting request of priority probe goes first
 GOLDEN_RATIO = 0.6180339887498949  # its multiples modulo 1 spread any number of phases evenly
 
@@ -120,6 +124,7 @@ class Scheduler:
         "_pending_sync_probes",
         "_polls_in_row",
         "_settings",
+        "_stop_reads_in_row",
         "_urgent_in_row",
         "next_wake_at",
         "poll_schedule",
@@ -140,7 +145,7 @@ class Scheduler:
         """Requests that ``next`` has removed, and why."""
         self.next_wake_at = NEVER
         """Time at which ``next`` may return another frame without a new event."""
-        self._commands_in_row = self._urgent_in_row = self._polls_in_row = 0
+        self._commands_in_row = self._stop_reads_in_row = self._urgent_in_row = self._polls_in_row = 0
         self._last_stop_at: dict[Station, float] = {}
         self._pending_sync_probes: dict[Station, PreparedRequest] = {}
 
@@ -162,7 +167,7 @@ class Scheduler:
         go first.
         """
         self.next_wake_at = NEVER
-        stops, commands, parameters, polls, probes = self.queues
+        stops, commands, stop_reads, parameters, polls, probes = self.queues
         if stops:
             return min(stops, key=self._stop_order)
         polling = polls or self.poll_schedule.heap
@@ -172,9 +177,11 @@ class Scheduler:
             and (chosen := self._next_background(polls, now))
         ):
             return chosen
-        if commands or parameters:
-            parameters_first = self._commands_in_row >= MAX_COMMANDS_IN_ROW
-            for queue in (parameters, commands) if parameters_first else (commands, parameters):
+        if commands or stop_reads or parameters:
+            parameters_first = self._stop_reads_in_row >= MAX_STOP_READS_IN_ROW
+            reads = (parameters, stop_reads) if parameters_first else (stop_reads, parameters)
+            commands_last = self._commands_in_row >= MAX_COMMANDS_IN_ROW
+            for queue in (*reads, commands) if commands_last else (commands, *reads):
                 if queue and (chosen := self._next_sendable(queue, now)):
                     return chosen
         if self.untrusted_stations and (chosen := self._next_sync_probe(now)):
@@ -198,11 +205,14 @@ class Scheduler:
         priority = prepared.priority
         if priority is STOP and not prepared.is_broadcast:
             self._last_stop_at[prepared.station] = now
-        urgent = priority is PARAMETER or priority is COMMAND
+        urgent = priority is PARAMETER or priority is COMMAND or priority is STOP_READ
         self._urgent_in_row = self._urgent_in_row + 1 if urgent else 0
         if priority is PARAMETER:
+            self._commands_in_row = self._stop_reads_in_row = 0
+        elif priority is STOP_READ:
             self._commands_in_row = 0
-        elif priority is COMMAND and self.queues[PARAMETER]:
+            self._stop_reads_in_row += 1
+        elif priority is COMMAND and (self.queues[PARAMETER] or self.queues[STOP_READ]):
             self._commands_in_row += 1
         self._polls_in_row = self._polls_in_row + 1 if priority is POLL else 0
 

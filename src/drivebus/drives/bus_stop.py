@@ -162,7 +162,7 @@ async def _sweep(
         request = BusRequest(
             station=drive.address,
             request=drive.dialect.stop(StopMode.STOP)[0] if check is None else check,
-            priority=RequestPriority.STOP if check is None else RequestPriority.PARAMETER,
+            priority=RequestPriority.STOP if check is None else RequestPriority.STOP_READ,
         )
         result = await bus.transact(request)
         if result.received:

@@ -59,6 +59,7 @@ class OperationContext:
         self.withheld_stop: UnconfirmedModel | None = None  # why the last stop was not sent
         self.stop_awaits_model = False  # the read of the model, which goes before the first stop, has not ended yet
         self.has_sent_preparation = False  # the unlock and the words before every start were sent
+        self.read_priority = RequestPriority.PARAMETER  # that of the reads of a stop while one is under way
         self.waits_in_quarantine = True  # False: a read that a quarantine of 5 s would delay fails
         self.lost_replies = 0  # frames without a valid reply; a retry by the bus counts as a frame of its own
         self.stops_sent = 0  # stops that were given to the port
@@ -73,7 +74,7 @@ class OperationContext:
         self.changes_run = False  # every frame with a permit counts as a motion of this command: the drive may turn
         self.may_be_running = False  # a frame that moves may have been executed, and no stop was confirmed since
         self.last_motion_result: BusResult | None = None  # result of the last frame that may move the motor
-        self.last_deceleration_at: float | None = None  # time of the last reading below all readings before it
+        self.last_deceleration_at: float | None = None  # time of the last reading above 0 Hz and below all before it
         self._lowest_hz: float | None = None
         self._exchanges = ExchangeLog()
 
@@ -91,13 +92,13 @@ class OperationContext:
     def transact(
         self,
         request: Any,
-        priority: RequestPriority = RequestPriority.PARAMETER,
+        priority: RequestPriority | None = None,
         permit: Permit | None = None,
         tag: Any = None,
     ) -> DriveOperation[BusResult]:
         """Perform one transaction, log it and update the dialect. ``tag``: see ``BusRequest``.
 
-        Reads have parameter priority: a stop removes queued commands and must not remove the reads that confirm it.
+        Without a ``priority`` it has that of a read, which no stop removes from the queue.
         """
         expires_at = permit.expires_at if permit is not None else None
         effect = self.effect(request)
@@ -109,7 +110,7 @@ class OperationContext:
         bus_request = BusRequest(
             station=self.dialect.address,
             request=request,
-            priority=priority,
+            priority=self.read_priority if priority is None else priority,
             permit=permit,
             expires_at=expires_at,
             waits_in_quarantine=self.waits_in_quarantine,
@@ -203,11 +204,14 @@ class OperationContext:
         return result
 
     def _record_deceleration(self, readings: Readings) -> None:
-        """Record the time of a falling frequency. A single reading counts: a verified state can take a second."""
+        """Record the time of a falling frequency. A single reading counts: a verified state can take a second.
+
+        At 0 Hz the deceleration is over, perhaps long ago.
+        """
         reading = readings.get("output_frequency")
         if reading is None or not isinstance(reading.value, int | float):
             return
-        if self._lowest_hz is not None and reading.value < self._lowest_hz:
+        if self._lowest_hz is not None and 0 < reading.value < self._lowest_hz:
             self.last_deceleration_at = reading.source_time
         self._lowest_hz = float(reading.value if self._lowest_hz is None else min(self._lowest_hz, reading.value))
 

@@ -112,9 +112,12 @@ def stop(
     ``wait_confirmed`` False returns once the drive has answered the stop, with an unconfirmed outcome; a drive that
     can't report standstill is sent the stop three times in either case, and the outcome is acknowledged.
     """
-    outcome = yield from _send_and_confirm(
-        op, mode, progress or StopProgress(op, (yield from get_bus_conditions()).now), wait_confirmed=wait_confirmed
-    )
+    progress = progress or StopProgress(op, (yield from get_bus_conditions()).now)
+    op.read_priority = RequestPriority.STOP_READ
+    try:
+        outcome = yield from _send_and_confirm(op, mode, progress, wait_confirmed=wait_confirmed)
+    finally:
+        op.read_priority = RequestPriority.PARAMETER
     if outcome.succeeded:
         op.may_be_running = op.motion_seen = False
     return outcome
