@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter
-from collections.abc import Callable, Coroutine, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
-from itertools import cycle
+from itertools import cycle, islice
 from typing import Any
 
 import pytest
@@ -242,71 +243,70 @@ def test_a_stop_is_not_confirmed_by_the_reads_of_a_stop_before_it(
     run_virtual(scenario())
 
 
-# --- first frames ---------------------------------------------------------------------------------------------------
+# --- beside other requests ------------------------------------------------------------------------------------------
+
+
+@asynccontextmanager
+async def repeated(request: Callable[[Drive], Awaitable[object]], drives: Iterable[Drive]) -> AsyncIterator[None]:
+    """Repeat a request to each of these drives without a pause, from a second before the block to its end."""
+
+    async def repeat(drive: Drive) -> None:
+        while True:
+            await request(drive)
+
+    tasks = [asyncio.ensure_future(repeat(drive)) for drive in drives]
+    await asyncio.sleep(1)
+    yield
+    assert not any(task.done() for task in tasks)
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def timed_stop(drive: Drive) -> tuple[str, float]:
+    """Return the key of the outcome of a stop and how long it took, in seconds."""
+    began = drive.bus.now()
+    return (await outcome_of(drive)).key, drive.bus.now() - began
 
 
 @pytest.mark.parametrize("model", [model for model in MODELS if model != "df800"])
 def test_a_hundred_stops_of_a_drive_again_and_again_do_not_delay_the_confirmation_of_another_stop(model: str) -> None:
     """A hundred frames went before the reads of the other drive: its stop was confirmed late or not at all."""
 
-    async def stop_again_and_again(drive: Drive) -> None:
-        while True:
-            await outcome_of(drive)
-
-    async def scenario() -> tuple[Outcome, float]:
+    async def scenario() -> tuple[str, float]:
         async with SimulatedDrives(model, "1-2", query="ramp=0.5") as bench:
             flooded, other = bench.drive(1), bench.drive(2)
             await run_drive(flooded, model)
             await run_drive(other, model)
-            flood = [asyncio.ensure_future(stop_again_and_again(flooded)) for _ in range(100)]
-            await asyncio.sleep(1)
-            began = bench.bus.now()
-            outcome = await outcome_of(other)
-            took_s = bench.bus.now() - began
-            for task in flood:
-                task.cancel()
-            await asyncio.gather(*flood, return_exceptions=True)
-            return outcome, took_s
+            async with repeated(outcome_of, [flooded] * 100):
+                return await timed_stop(other)
 
-    outcome, took_s = run_virtual(scenario())
-    assert outcome.key == "drives.stop_confirmed" and took_s < 1.5
-
-
-async def write_again_and_again(drive: Drive) -> None:
-    while True:
-        await drive.write({"F1.10": 1})
-
-
-async def read_again_and_again(drive: Drive) -> None:
-    while True:
-        await drive.status()
+    key, took_s = run_virtual(scenario())
+    assert key == "drives.stop_confirmed" and took_s < 1.5
 
 
 @pytest.mark.parametrize(
-    ("model", "requests_of"),
-    [("c320", write_again_and_again), *((model, read_again_and_again) for model in ("c320", "dzb100", "vc660"))],
+    ("model", "request_of"),
+    [
+        ("c320", lambda drive: drive.write({"F1.10": 1})),
+        *((model, Drive.status) for model in ("c320", "dzb100", "vc660")),
+    ],
+    ids=["writes to c320", "reads of c320", "reads of dzb100", "reads of vc660"],
 )
 def test_reads_and_writes_of_eight_drives_do_not_delay_the_confirmation_of_a_stop(
-    model: str, requests_of: Callable[[Drive], Coroutine[Any, Any, None]]
+    model: str, request_of: Callable[[Drive], Awaitable[object]]
 ) -> None:
     """The reads that confirm the stop waited for their turn among those requests, until it was reported."""
 
-    async def scenario() -> tuple[Outcome, float]:
+    async def scenario() -> tuple[str, float]:
         async with SimulatedDrives(model, "1-9", query="ramp=0.5") as bench:
             stopped, *others = (bench.drive(address) for address in range(1, 10))
             await run_drive(stopped, model)
-            requests = [asyncio.ensure_future(requests_of(drive)) for drive in others for _ in range(3)]
-            await asyncio.sleep(1)
-            began = bench.bus.now()
-            outcome = await outcome_of(stopped)
-            took_s = bench.bus.now() - began
-            for request in requests:
-                request.cancel()
-            await asyncio.gather(*requests, return_exceptions=True)
-            return outcome, took_s
+            async with repeated(request_of, others * 3):
+                return await timed_stop(stopped)
 
-    outcome, took_s = run_virtual(scenario())
-    assert outcome.key == "drives.stop_confirmed" and took_s < 1
+    key, took_s = run_virtual(scenario())
+    assert key == "drives.stop_confirmed" and took_s < 1
 
 
 @pytest.mark.parametrize(
@@ -327,17 +327,14 @@ def test_a_bus_stop_is_confirmed_while_other_drives_are_read_and_all_are_polled_
             for drive in drives:
                 polls = [Poll(request, 0.0) for request in drive.dialect.state_reads()]
                 bench.bus.start_polling(drive.address, polls, lambda _: None)
-            reads = [
-                asyncio.ensure_future(read_again_and_again(drive)) for _, drive in zip(range(read_count), cycle(others))
-            ]
-            await asyncio.sleep(1)
-            report = await stop_bus(bench.bus, stopped)
-            for read in reads:
-                read.cancel()
-            await asyncio.gather(*reads, return_exceptions=True)
+            async with repeated(Drive.status, islice(cycle(others), read_count)):
+                report = await stop_bus(bench.bus, stopped)
             return {outcome.key for _, outcome in report.outcomes}
 
     assert run_virtual(scenario()) == {"drives.stop_confirmed"}
+
+
+# --- first frames ---------------------------------------------------------------------------------------------------
 
 
 async def request_behind_a_read(bench: SimulatedDrives, drive: Drive, *commands: str) -> list[Any]:
