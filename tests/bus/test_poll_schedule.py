@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from math import inf
 
 import pytest
 
 from drivebus import profiles
 from drivebus.bus import BusStatistics, Poll, StationStatistics, estimate_bus_load
 from drivebus.bus.messages import RequestPriority, StationConfig
-from drivebus.bus.scheduler import NEVER, PollSchedule
+from drivebus.bus.scheduler import PollSchedule
 from drivebus.bus.statistics import percentiles
 from drivebus.drives import create_dialect
 from drivebus.errors import PortLost
@@ -162,7 +163,7 @@ def test_a_period_must_be_a_time() -> None:
 
 
 def test_an_empty_poll_schedule_has_nothing_due() -> None:
-    assert PollSchedule().next_due_at() == NEVER and PollSchedule().next_due(1.0) is None
+    assert PollSchedule().next_due_at() == inf and PollSchedule().next_due(1.0) is None
 
 
 def test_the_stop_bound_is_that_of_the_documented_table() -> None:

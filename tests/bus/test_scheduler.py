@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import Any
 
 import pytest
 
 from drivebus.bus.messages import BusRequest, Permit, RequestPriority, RetryPolicy
 from drivebus.bus.prepared_request import Poll, PreparedPoll, PreparedRequest
-from drivebus.bus.scheduler import MAX_COMMANDS_IN_ROW, MAX_POLLS_IN_ROW, NEVER, PollSchedule, Scheduler
+from drivebus.bus.scheduler import MAX_COMMANDS_IN_ROW, MAX_POLLS_IN_ROW, PollSchedule, Scheduler
 from drivebus.bus.station import Station
 from drivebus.errors import Expired, NotPermitted
 from drivebus.protocols import modbus
@@ -93,8 +94,8 @@ def test_the_limits_of_the_fairness_rules_are_those_that_the_page_names() -> Non
 
 def test_an_empty_queue_has_no_next_request() -> None:
     empty = Scheduler(SETTINGS)
-    assert empty.next_wake_at == NEVER
-    assert empty.next(0.0) is None and empty.next_wake_at == NEVER and len(empty) == 0
+    assert empty.next_wake_at == inf
+    assert empty.next(0.0) is None and empty.next_wake_at == inf and len(empty) == 0
 
 
 def test_priorities_go_in_their_order_and_each_first_come_first_served() -> None:

@@ -59,6 +59,7 @@ Why no late reply can be credited to another request:
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from math import inf
 from typing import Any
 
 from drivebus.bus.commands import CoreCommand, DeliverResult, EmitTrace, Send
@@ -78,7 +79,7 @@ from drivebus.bus.prepared_request import (
     PreparedRequest,
     prepare,
 )
-from drivebus.bus.scheduler import NEVER, Scheduler
+from drivebus.bus.scheduler import Scheduler
 from drivebus.bus.silence_timeout import SILENCE_TIMEOUT_S, SilenceTimeout
 from drivebus.bus.station import Presence, Station, StationHealth, StationState
 from drivebus.bus.station_registry import StationRegistry
@@ -129,7 +130,7 @@ class BusCore:
         self._closed_by = PortLost("bus.not_open")  # why the port is not open
         self.first_opened_at: float | None = None
         """Start of all counters; a replug does not reset it."""
-        self.opened_at = float("-inf")
+        self.opened_at = -inf
         """Last opening: start of the recent shares of bus time."""
         self.registry = StationRegistry(settings, allow_mixed=allow_mixed)
         self.stations = self.registry.stations
@@ -354,7 +355,7 @@ class BusCore:
         unsolicited = self.unsolicited.buffer
         if prepared is None and not unsolicited:
             self._silence_timeout.reset()
-            self.wake_at = None if self.scheduler.next_wake_at == NEVER else self.scheduler.next_wake_at
+            self.wake_at = None if self.scheduler.next_wake_at == inf else self.scheduler.next_wake_at
             return
         at = self._silent_since + (self._max_gap_s() if prepared is None else prepared.gap_s)
         if prepared is not None and prepared.priority is not STOP_PRIORITY:

@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Collection, Iterable
 from heapq import heapify, heappop, heappush, heapreplace
+from math import inf
 
 from drivebus.bus.messages import BusRequest, RequestPriority
 from drivebus.bus.prepared_request import MOTION_EFFECT, NO_EFFECT, Poll, PreparedPoll, PreparedRequest
@@ -30,7 +31,6 @@ from drivebus.serial_settings import SerialSettings
 
 # reading a member from its class takes four times as long
 STOP, COMMAND, STOP_READ, PARAMETER, POLL, PROBE = RequestPriority
-NEVER = float("inf")
 MAX_COMMANDS_IN_ROW = 4  # then a waiting stop read, parameter request, sync probe or poll goes first
 MAX_STOP_READS_IN_ROW = 2  # then a waiting parameter request goes first
 MAX_POLLS_IN_ROW = 9  # then a waiting request of priority probe goes first
@@ -111,8 +111,8 @@ class PollSchedule:
             self.suspended[station] = [poll for poll in polls if not unwanted(poll)]
 
     def next_due_at(self) -> float:
-        """Return when the most overdue poll is due, NEVER without polls."""
-        return self.heap[0][0] if self.heap else NEVER
+        """Return when the most overdue poll is due, inf without polls."""
+        return self.heap[0][0] if self.heap else inf
 
 
 class Scheduler:
@@ -143,7 +143,7 @@ class Scheduler:
         """Stations that need a sync probe."""
         self.rejected: list[tuple[PreparedRequest, Exception]] = []
         """Requests that ``next`` has removed, and why."""
-        self.next_wake_at = NEVER
+        self.next_wake_at = inf
         """Time at which ``next`` may return another frame without a new event."""
         self._commands_in_row = self._stop_reads_in_row = self._urgent_in_row = self._polls_in_row = 0
         self._last_stop_at: dict[Station, float] = {}
@@ -166,7 +166,7 @@ class Scheduler:
         A stop that was requested with another priority (the levels that follow the stop pulse of a VC660) lets stops
         go first.
         """
-        self.next_wake_at = NEVER
+        self.next_wake_at = inf
         stops, commands, stop_reads, parameters, polls, probes = self.queues
         if stops:
             return min(stops, key=self._stop_order)

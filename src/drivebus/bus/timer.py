@@ -15,11 +15,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import partial
 from heapq import heappop, heappush
+from math import inf
 from weakref import WeakKeyDictionary
 
 from drivebus.timerfd import CLOCK_BOOTTIME, TimerFd
 
-NEVER = float("inf")
 TIMER_SLACK_S = 20e-6  # a timer due within this time is served now: arming the kernel timer would take as long
 WAKE_UP_S = 40e-6  # from the kernel timer's expiry to the first line of its callback, most of the time
 SLOW_CLOCK_RETRY_S = 0.001  # call a bus whose own clock is behind again after this: at once would block the loop
@@ -34,13 +34,13 @@ each command tens of milliseconds."""
 
 
 class BusTimer(ABC):
-    """The next moment of one bus, after which the timer calls back once. ``when``: that moment, NEVER for none."""
+    """The next moment of one bus, after which the timer calls back once. ``when``: that moment, inf for none."""
 
     __slots__ = ("_callback", "when")
 
     def __init__(self, callback: Callable[[], None]) -> None:
         self._callback = callback
-        self.when = NEVER
+        self.when = inf
 
     @abstractmethod
     def set(self, when: float | None) -> None:
@@ -48,7 +48,7 @@ class BusTimer(ABC):
 
     def fire(self, now: float) -> None:
         """Call back now."""
-        when, self.when = self.when, NEVER
+        when, self.when = self.when, inf
         self._callback()
         if self.when == when:  # the bus has a clock of its own, which is behind
             self.set(now + SLOW_CLOCK_RETRY_S)
@@ -68,7 +68,7 @@ class QueuedTimer(BusTimer):
         """The moments at which the queue checks this timer, the next one last."""
 
     def set(self, when: float | None) -> None:
-        self.when = NEVER if when is None else when
+        self.when = inf if when is None else when
         check_at = self.when - self.lead_s
         if when is not None and (not self.queued_times or check_at < self.queued_times[-1]):
             self._queue.schedule(self, check_at)
@@ -85,7 +85,7 @@ class EventLoopTimer(BusTimer):
         self._handle: asyncio.TimerHandle | None = None
 
     def set(self, when: float | None) -> None:
-        self.when = NEVER if when is None else when
+        self.when = inf if when is None else when
         if self._handle is not None:
             self._handle.cancel()
         self._handle = None if when is None else self._loop.call_at(when, self._on_expired)
@@ -178,7 +178,7 @@ class TimerQueue:
                     if when > now:
                         busy_wait(self.now, when)
                     timer.fire(now)
-                elif when != NEVER and (not timer.queued_times or check_at < timer.queued_times[-1]):
+                elif when != inf and (not timer.queued_times or check_at < timer.queued_times[-1]):
                     self.schedule(timer, check_at)
         finally:
             self._running = False
@@ -198,7 +198,7 @@ class _KernelTimer:
     __slots__ = ("_callback", "_loop", "_timer", "armed_at")
 
     def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
-        self.armed_at = NEVER
+        self.armed_at = inf
         self._callback = callback
         self._timer = TimerFd(CLOCK_BOOTTIME)
         self._loop = loop
@@ -213,7 +213,7 @@ class _KernelTimer:
         self._timer.set_at(when)
 
     def _on_expired(self) -> None:
-        self.armed_at = NEVER
+        self.armed_at = inf
         self._timer.consume_expiry()
         self._callback()
 
