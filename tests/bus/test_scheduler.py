@@ -145,6 +145,34 @@ def test_after_two_stop_reads_a_parameter_has_its_turn() -> None:
     assert taken(scheduler, 5) == [command, stop_reads[3], parameters[1], *stop_reads[4:]]
 
 
+@pytest.mark.parametrize(
+    ("waiting", "of_silent_stations", "turns"),
+    [
+        (RequestPriority.STOP_READ, RequestPriority.PARAMETER, 16),  # two of three
+        (RequestPriority.PARAMETER, RequestPriority.STOP_READ, 8),  # one of three
+        (RequestPriority.PARAMETER, RequestPriority.COMMAND, 4),  # one of five
+        (RequestPriority.STOP_READ, RequestPriority.COMMAND, 4),
+    ],
+)
+def test_the_sync_probes_of_silent_stations_count_as_the_requests_that_wait_for_them(
+    waiting: RequestPriority, of_silent_stations: RequestPriority, turns: int
+) -> None:
+    """They counted as none: requests of silent stations, repeated again and again, took every turn of the others."""
+    scheduler, live, silent = Scheduler(SETTINGS), station(), station(2)
+    sent = []
+    for _ in range(30):  # six of them a sync probe in its own turn
+        for priority, asked in ((waiting, live), (of_silent_stations, silent)):
+            if not scheduler.queues[priority]:
+                scheduler.enqueue(make_read(asked, priority))
+        scheduler.mark_suspect(silent, 0.0)
+        now = silent.quarantined_until
+        chosen = scheduler.next(now)
+        assert chosen is not None
+        scheduler.on_sent(chosen, now)
+        sent.append(chosen.station)
+    assert sent.count(live) == turns
+
+
 def test_commands_without_a_waiting_parameter_do_not_count() -> None:
     first = station()
     commands = [make_read(first, RequestPriority.COMMAND) for _ in range(8)]

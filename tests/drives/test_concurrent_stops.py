@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
-from contextlib import asynccontextmanager
+from collections.abc import Awaitable, Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import cycle, islice
 from typing import Any
@@ -30,10 +30,10 @@ from drivebus.drives.operations.stop import (
 )
 from drivebus.drives.outcome import Outcome
 from drivebus.drives.shared_transactions import SharedTransactions
-from drivebus.errors import NoReply, StopUnconfirmed, Superseded
+from drivebus.errors import DrivebusError, NoReply, StopUnconfirmed, Superseded
 from drivebus.protocols.codec import Effect
 from drivebus.simulator.motor import Motor
-from fixtures.drives import MODELS, SAFE_HZ, SimulatedDrives, dialect_for, operation_for, run_virtual
+from fixtures.drives import MODELS, SAFE_HZ, SimulatedDrives, dialect_for, operation_for, repeated, run_virtual
 
 
 @dataclass
@@ -246,21 +246,9 @@ def test_a_stop_is_not_confirmed_by_the_reads_of_a_stop_before_it(
 # --- beside other requests ------------------------------------------------------------------------------------------
 
 
-@asynccontextmanager
-async def repeated(request: Callable[[Drive], Awaitable[object]], drives: Iterable[Drive]) -> AsyncIterator[None]:
-    """Repeat a request to each of these drives without a pause, from a second before the block to its end."""
-
-    async def repeat(drive: Drive) -> None:
-        while True:
-            await request(drive)
-
-    tasks = [asyncio.ensure_future(repeat(drive)) for drive in drives]
-    await asyncio.sleep(1)
-    yield
-    assert not any(task.done() for task in tasks)
-    for task in tasks:
-        task.cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)
+async def status_or_error(drive: Drive) -> None:
+    with suppress(DrivebusError):
+        await drive.status()
 
 
 async def timed_stop(drive: Drive) -> tuple[str, float]:
@@ -307,6 +295,25 @@ def test_reads_and_writes_of_eight_drives_do_not_delay_the_confirmation_of_a_sto
 
     key, took_s = run_virtual(scenario())
     assert key == "drives.stop_confirmed" and took_s < 1
+
+
+@pytest.mark.parametrize("model", [model for model in MODELS if model != "df800"])
+def test_reads_of_eight_silent_drives_do_not_delay_the_confirmation_of_a_stop(model: str) -> None:
+    """Their sync probes, due again and again, took the turns of the reads that confirm the stop, for ever."""
+
+    async def scenario() -> tuple[str, float]:
+        async with SimulatedDrives(model, "1-9", query="ramp=0.5") as bench:
+            stopped, *others = (bench.drive(address) for address in range(1, 10))
+            for drive in others:
+                await drive.status()
+                bench.station(drive.address).faults.silent = True
+            await run_drive(stopped, model)
+            async with repeated(status_or_error, others):
+                await asyncio.sleep(10)
+                return await timed_stop(stopped)
+
+    key, took_s = run_virtual(scenario())
+    assert key == "drives.stop_confirmed" and took_s < STOP_PROGRESS_TIMEOUT_S
 
 
 @pytest.mark.parametrize(

@@ -602,20 +602,6 @@ def test_a_lower_reading_is_progress_once() -> None:
     assert progress.update(104.0) is True and progress.update(105.0) is False
 
 
-def test_a_reading_of_0_hz_is_no_deceleration() -> None:
-    """A motor that had stood for a while before it was read again put off the report of its stop by that time."""
-    fake = FakeC320()
-    bus = c320(fake)
-    op = operation_for(bus.dialect)
-    read_frequency = next(request for request in bus.dialect.state_reads() if isinstance(request, sunfar.ReadMonitor))
-    times = []
-    for fake.output in (3000, 1, 0):
-        bus.pass_time(1.0)
-        bus.run(op.read(read_frequency))
-        times.append(op.last_deceleration_at)
-    assert times[0] is None and times[1] is not None and times[2] == times[1]
-
-
 def test_a_stop_that_another_operation_began_has_the_rest_of_its_time() -> None:
     bus = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD))
     op = operation_for(bus.dialect)

@@ -15,7 +15,7 @@ from drivebus.drives import Drive, StopReport, stop_all_addresses
 from drivebus.drives.bus_stop import MAX_SWEEPS
 from drivebus.errors import StartInhibited
 from drivebus.simulator.port import simulated_bus_of
-from fixtures.drives import SAFE_HZ, SimulatedDrives, run_virtual
+from fixtures.drives import SAFE_HZ, SimulatedDrives, repeated, run_virtual
 
 ADDRESSES = range(1, 9)
 
@@ -40,6 +40,22 @@ def test_running_drives_at_unknown_addresses_are_stopped_and_the_empty_addresses
             assert report.absent == (1, 2, 4, 5, 6, 8)
 
     run_virtual(scenario())
+
+
+def test_the_reads_for_which_the_stop_of_each_address_waits_go_before_other_reads() -> None:
+    """The stop of a gd200 waits for a read of the model; reads of ten drives without a pause made it twice as late."""
+
+    async def scenario() -> float:
+        async with SimulatedDrives("gd200", "1-10") as bench:
+            read, others = (
+                [bench.drive(address) for address in addresses] for addresses in (range(1, 6), range(6, 31))
+            )
+            async with repeated(Drive.status, read * 4):
+                began = bench.bus.now()
+                await stop_all_addresses(bench.bus, others)
+                return bench.bus.now() - began
+
+    assert run_virtual(scenario()) < 0
 
 
 @pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800"])

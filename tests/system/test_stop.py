@@ -299,7 +299,7 @@ async def confirmed_or_alarmed(bench: SystemBench, address: int) -> None:
 
 @every_family
 def test_a_stop_is_confirmed_or_alarmed_in_time_on_a_bus_that_is_never_idle(variant: SystemVariant) -> None:
-    """The limit is the stop bound + 2 s, for a confirmed stop and its ramp, whatever is queued before its reads."""
+    """The limit is the stop bound + 2 s + the ramp of a motor that has stopped, whatever is queued before its reads."""
 
     async def scenario() -> None:
         async with system_bench(variant, "1-5") as bench:

@@ -28,7 +28,7 @@ class RequestPriority(IntEnum):
     STOP = 0
     COMMAND = 1
     STOP_READ = 2
-    """A read on which a stop waits: of the model before it, of the standstill after it."""
+    """A read that is part of a stop: of the model before its first frame, of the standstill after it."""
     PARAMETER = 3
     POLL = 4
     PROBE = 5

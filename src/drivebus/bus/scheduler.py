@@ -6,11 +6,14 @@ rules:
 * after four commands a waiting stop read or parameter request goes first;
 * after two stop reads a waiting parameter request goes first: the reads by which a start detects an overspeed have this
   priority, and drives on a long ramp are read again and again;
-* after four frames in a row of these three a due sync probe or poll goes first, so that values stay fresh during a
-  parameter backup;
+* after four commands, stop reads or parameter requests in a row a due sync probe or poll goes first, so that values
+  stay fresh during a parameter backup;
 * the sync probe of an offline station goes before polls, but only within its 10 % share of the bus, so that a full
   bus still finds a drive that comes back;
 * after nine polls in a row a waiting request of priority probe (a scan) goes first.
+
+The sync probe that a request waits for has its priority, and counts like it: else those of silent stations, which are
+due again and again, would take all turns.
 
 A stop is the next frame: it waits only for the frame on the wire and the gap. Where several stations are to be
 stopped, the one whose last stop is longest ago goes first, so that no stop waits for the repetitions of another.
@@ -29,10 +32,10 @@ from drivebus.bus.station import ProbeBudget, Station
 from drivebus.errors import Expired
 from drivebus.serial_settings import SerialSettings
 
-# reading a member from its class takes four times as long
+# constants, because reading a member from its class takes four times as long
 STOP, COMMAND, STOP_READ, PARAMETER, POLL, PROBE = RequestPriority
 MAX_COMMANDS_IN_ROW = 4  # then a waiting stop read, parameter request, sync probe or poll goes first
-MAX_STOP_READS_IN_ROW = 2  # then a waiting parameter request goes first
+MAX_STOP_READS_IN_ROW = 2  # then a waiting parameter request goes first; after 1 a bus stop would be confirmed too late
 MAX_POLLS_IN_ROW = 9  # then a waiting request of priority probe goes first
 GOLDEN_RATIO = 0.6180339887498949  # its multiples modulo 1 spread any number of phases evenly
 
@@ -279,7 +282,7 @@ class Scheduler:
             if not station.state.is_suspect:
                 return prepared
             if now >= station.quarantined_until:
-                return self._sync_probe(station, now)
+                return self._sync_probe(station, now, prepared.priority)
             self._wake_no_later_than(station.quarantined_until)
         return None
 
@@ -326,16 +329,17 @@ class Scheduler:
                 self._wake_no_later_than(at)
             elif best is None or _sync_due_since(station) < _sync_due_since(best):
                 best = station
-        return None if best is None else self._sync_probe(best, now)
+        return None if best is None else self._sync_probe(best, now, PROBE)
 
-    def _sync_probe(self, station: Station, now: float) -> PreparedRequest:
-        """Return the station's next sync probe; the same one until it was sent."""
+    def _sync_probe(self, station: Station, now: float, priority: RequestPriority) -> PreparedRequest:
+        """Return a station's sync probe, the same one until it is sent. ``priority``: that of what waits for it."""
         pending = self._pending_sync_probes.get(station)
         if pending is None:
             request = station.next_sync_request(now)
-            bus_request = BusRequest(station=station.address, request=request, priority=PROBE)
+            bus_request = BusRequest(station=station.address, request=request)
             pending = PreparedRequest(bus_request, None, station, self._settings, is_sync_probe=True)
             self._pending_sync_probes[station] = pending
+        pending.priority = priority
         return pending
 
     def _wake_no_later_than(self, at: float) -> None:

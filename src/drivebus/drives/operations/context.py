@@ -59,7 +59,7 @@ class OperationContext:
         self.withheld_stop: UnconfirmedModel | None = None  # why the last stop was not sent
         self.stop_awaits_model = False  # the read of the model, which goes before the first stop, has not ended yet
         self.has_sent_preparation = False  # the unlock and the words before every start were sent
-        self.read_priority = RequestPriority.PARAMETER  # that of the reads of a stop while one is under way
+        self.read_priority = RequestPriority.PARAMETER  # of requests without a given one; STOP_READ during a stop
         self.waits_in_quarantine = True  # False: a read that a quarantine of 5 s would delay fails
         self.lost_replies = 0  # frames without a valid reply; a retry by the bus counts as a frame of its own
         self.stops_sent = 0  # stops that were given to the port
@@ -74,7 +74,7 @@ class OperationContext:
         self.changes_run = False  # every frame with a permit counts as a motion of this command: the drive may turn
         self.may_be_running = False  # a frame that moves may have been executed, and no stop was confirmed since
         self.last_motion_result: BusResult | None = None  # result of the last frame that may move the motor
-        self.last_deceleration_at: float | None = None  # time of the last reading above 0 Hz and below all before it
+        self.last_deceleration_at: float | None = None  # time of the last reading below all readings before it
         self._lowest_hz: float | None = None
         self._exchanges = ExchangeLog()
 
@@ -98,7 +98,7 @@ class OperationContext:
     ) -> DriveOperation[BusResult]:
         """Perform one transaction, log it and update the dialect. ``tag``: see ``BusRequest``.
 
-        Without a ``priority`` it has that of a read, which no stop removes from the queue.
+        Without ``priority`` the request has that of a read, which no stop removes from the queue.
         """
         expires_at = permit.expires_at if permit is not None else None
         effect = self.effect(request)
@@ -204,14 +204,11 @@ class OperationContext:
         return result
 
     def _record_deceleration(self, readings: Readings) -> None:
-        """Record the time of a falling frequency. A single reading counts: a verified state can take a second.
-
-        At 0 Hz the deceleration is over, perhaps long ago.
-        """
+        """Record the time of a falling frequency. A single reading counts: a verified state can take a second."""
         reading = readings.get("output_frequency")
         if reading is None or not isinstance(reading.value, int | float):
             return
-        if self._lowest_hz is not None and 0 < reading.value < self._lowest_hz:
+        if self._lowest_hz is not None and reading.value < self._lowest_hz:
             self.last_deceleration_at = reading.source_time
         self._lowest_hz = float(reading.value if self._lowest_hz is None else min(self._lowest_hz, reading.value))
 
