@@ -79,7 +79,7 @@ def test_a_drive_that_counts_its_setpoint_ten_times_as_fast_is_stopped_and_the_s
 
 
 def test_an_overspeed_is_stopped_within_8_s_while_eight_drives_of_the_bus_ramp_down() -> None:
-    """When the reads of stops always went first, they delayed the stop at the overspeed to 39 s."""
+    """Reads of stops that always go first delay the detection to 39 s."""
 
     async def scenario() -> float:
         stations = [ShownStation(address, profile=RIGHT) for address in range(1, 10)]

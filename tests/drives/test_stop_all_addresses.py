@@ -43,7 +43,7 @@ def test_running_drives_at_unknown_addresses_are_stopped_and_the_empty_addresses
 
 
 def test_the_reads_for_which_the_stop_of_each_address_waits_go_before_other_reads() -> None:
-    """The stop of a gd200 waits for a read of the model; reads of ten drives without a pause made it twice as late."""
+    """A GD200 is read before it is stopped: reads of other drives without a pause made its stop three times as late."""
 
     async def scenario() -> float:
         async with SimulatedDrives("gd200", "1-10") as bench:
@@ -55,7 +55,7 @@ def test_the_reads_for_which_the_stop_of_each_address_waits_go_before_other_read
                 await stop_all_addresses(bench.bus, others)
                 return bench.bus.now() - began
 
-    assert run_virtual(scenario()) < 0
+    assert run_virtual(scenario()) < 5  # 4.1 s
 
 
 @pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800"])
