@@ -15,10 +15,12 @@ from drivebus.errors import (
     LimitError,
     Superseded,
 )
-from drivebus.service.config.model import GroupConfig
+from drivebus.service.config.model import BusConfig, DriveConfig, GroupConfig
+from drivebus.simulator.motor import Motor
 from drivebus.testing.virtual_time import run
 from drivebus.values import Text
 from fixtures.service import BUSES, DRIVES, commanded_hz, plant_config, ready, remote_actor, running_service
+from fixtures.system_bench import wait_until
 
 GROUP = GroupConfig(id="fans", drives=("fan-1", "fan-2", "pump-1"), start_interval_s=3.0, max_concurrent_starts=2)
 
@@ -94,6 +96,28 @@ def test_a_group_is_stopped_together() -> None:
             assert {outcome["status"] for outcome in found["outcomes"].values()} == {"confirmed"}
             found = await kit.call("group.stop", remote_actor("bob"), group="fans")
             assert {outcome["status"] for outcome in found["outcomes"].values()} == {"confirmed"}
+
+    run(scenario())
+
+
+def test_a_drive_that_does_not_stop_is_reported_as_soon_however_many_drives_of_other_buses_are_stopped(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The deadline counted the drives of all buses: of a group of 300 on ten buses it was two minutes."""
+    others = [DriveConfig(id=f"pump-{address}", bus="b", address=address, model="c320") for address in range(1, 21)]
+    fan = DriveConfig(id="fan", bus="a", address=1, model="c320")
+    buses = (BusConfig(id="a", port="sim://c320@1"), BusConfig(id="b", port="sim://c320@1-20"))
+    group = GroupConfig(id="all", drives=tuple(drive.id for drive in (fan, *others)))
+
+    async def scenario() -> None:
+        async with running_service(plant_config(buses=buses, drives=(fan, *others), groups=(group,))) as kit:
+            await ready(kit, "fan")
+            monkeypatch.setattr(Motor, "stop", lambda *_: None)
+            began = asyncio.get_running_loop().time()
+            stop = asyncio.create_task(kit.call("group.stop", group="all"))
+            await wait_until(lambda: kit.service.plant.drives["fan"].drive.stop_pending)
+            assert asyncio.get_running_loop().time() - began < 2.2
+            await stop
 
     run(scenario())
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Coroutine, Iterable, Mapping, Sequence
+from typing import Any
 
 from drivebus.drives import stop_bus
 from drivebus.drives.bus_stop import StopReport
@@ -100,8 +102,15 @@ class StopCommands(PlantListener):
         """Stop drives at once; return the outcome or error of each."""
         stopped = list(runtimes)
         self.plant.record_stop_request(*stopped, by=actor.name, kind="group")
-        answers = await asyncio.gather(*(self._stop_one(runtime, actor, len(stopped)) for runtime in stopped))
+        answers = await asyncio.gather(*self._stops_of(stopped, actor).values())
         return {runtime.id: answer for runtime, answer in zip(stopped, answers, strict=True)}
+
+    def _stops_of(
+        self, runtimes: Sequence[DriveRuntime], actor: Actor
+    ) -> dict[DriveRuntime, Coroutine[Any, Any, Json]]:
+        """Return the stop of each drive, with the number of these drives on its bus, which are read in turns."""
+        on_bus = Counter(runtime.drive.bus for runtime in runtimes)
+        return {runtime: self._stop_one(runtime, actor, on_bus[runtime.drive.bus]) for runtime in runtimes}
 
     async def _stop_one(self, runtime: DriveRuntime, actor: Actor, concurrent: int) -> Json:
         try:
@@ -132,7 +141,7 @@ class StopCommands(PlantListener):
             others = [runtime for runtime in plant.drives.values() if runtime not in stops]
             started = [runtime for runtime in others if _stops_with_service(runtime)]
             plant.record_stop_request(*started, by=actor.name, kind="service")
-            stops |= {runtime: asyncio.create_task(self._stop_one(runtime, actor, len(started))) for runtime in started}
+            stops |= {runtime: asyncio.create_task(stop) for runtime, stop in self._stops_of(started, actor).items()}
             # These tasks begin after those of the stops, whose first frames are queued then.
             requests |= {runtime: asyncio.create_task(self._record_request(runtime)) for runtime in started}
             awaited = any(other.awaits_first_read or other.drive.stopping for other in others)
