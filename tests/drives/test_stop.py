@@ -602,6 +602,22 @@ def test_a_lower_reading_is_progress_once() -> None:
     assert progress.update(104.0) is True and progress.update(105.0) is False
 
 
+@pytest.mark.parametrize(("readings", "decelerated_until"), [((3000, 1000, 0), 1.0), ((3000, 0), 0.5)])
+def test_a_reading_of_0_hz_shows_deceleration_up_to_the_reading_before_it(
+    readings: tuple[int, ...], decelerated_until: float
+) -> None:
+    """It began the 2 s until the report again, however long the motor had been standing."""
+    fake = FakeC320()
+    bus = c320(fake)
+    op = operation_for(bus.dialect)
+    progress = StopProgress(op, bus.now)
+    read_frequency = next(request for request in bus.dialect.state_reads() if isinstance(request, sunfar.ReadMonitor))
+    for fake.output in readings:
+        bus.pass_time(0.5)
+        bus.run(op.read(read_frequency))
+    assert progress.deadline == pytest.approx(decelerated_until + STOP_PROGRESS_TIMEOUT_S, abs=0.1)
+
+
 def test_a_stop_that_another_operation_began_has_the_rest_of_its_time() -> None:
     bus = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD))
     op = operation_for(bus.dialect)

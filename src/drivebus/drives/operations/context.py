@@ -74,8 +74,9 @@ class OperationContext:
         self.changes_run = False  # every frame with a permit counts as a motion of this command: the drive may turn
         self.may_be_running = False  # a frame that moves may have been executed, and no stop was confirmed since
         self.last_motion_result: BusResult | None = None  # result of the last frame that may move the motor
-        self.last_deceleration_at: float | None = None  # time of the last reading below all readings before it
+        self.last_deceleration_at: float | None = None  # time of the last reading that shows the motor slowing down
         self._lowest_hz: float | None = None
+        self._frequency_read_at = 0.0
         self._exchanges = ExchangeLog()
 
     @property
@@ -204,13 +205,18 @@ class OperationContext:
         return result
 
     def _record_deceleration(self, readings: Readings) -> None:
-        """Record the time of a falling frequency. A single reading counts: a verified state can take a second."""
+        """Record the time of a frequency below all before. A single reading counts: a verified state can take a second.
+
+        One of 0 Hz shows deceleration up to the reading before it only: the motor may have stopped right after that.
+        """
         reading = readings.get("output_frequency")
-        if reading is None or not isinstance(reading.value, int | float):
+        if reading is None or reading.source_time is None or not isinstance(reading.value, int | float):
             return
-        if self._lowest_hz is not None and reading.value < self._lowest_hz:
-            self.last_deceleration_at = reading.source_time
-        self._lowest_hz = float(reading.value if self._lowest_hz is None else min(self._lowest_hz, reading.value))
+        hz, at, before = float(reading.value), reading.source_time, self._frequency_read_at
+        if self._lowest_hz is not None and hz < self._lowest_hz:
+            self.last_deceleration_at = at if hz > 0 else before
+        self._lowest_hz = hz if self._lowest_hz is None else min(self._lowest_hz, hz)
+        self._frequency_read_at = at
 
     def sync(self, avoid: Any = None) -> DriveOperation[DrivebusError | None]:
         """Send a sync probe, whose reply proves that replies are current, and return what went wrong."""
