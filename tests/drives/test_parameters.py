@@ -360,6 +360,21 @@ def test_a_value_between_two_steps_of_its_parameter_is_rejected_and_not_rounded(
     assert (caught.value.key, caught.value.params["nearest"]) == ("drives.parameter_step", nearest)
 
 
+@pytest.mark.parametrize(
+    ("value", "shown"), [("1e-5", "0000"), (9.99999, "0010"), ("10", "0010"), ("0010", "0010"), ("0x10", "0x10")]
+)
+def test_a_write_is_reported_with_the_value_that_is_sent(value: float | str, shown: str) -> None:
+    """A value within the rounding of another was confirmed: "F1.10 = 9.99999, read back", where 0010 was written."""
+    [write] = check_writes(dialect_for("c320"), {"F1.10": value})
+    assert write.value == shown
+
+
+def test_a_negative_value_of_a_digit_code_is_shown_as_it_was_given() -> None:
+    with pytest.raises(LimitError) as caught:
+        check_writes(dialect_for("c320"), {"F1.10": -1})
+    assert caught.value.params["value"] == -1, "it was -001"
+
+
 def test_a_step_of_a_tenth_takes_what_its_sum_gives() -> None:
     assert check_writes(dialect_for("dzb100"), {"10": 0.1 + 0.2})[0].raw == 3
 

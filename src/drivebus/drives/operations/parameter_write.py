@@ -70,9 +70,11 @@ def _check_write(dialect: Dialect, parameter: Signal | Parameter, value: float |
         raise LimitError("drives.parameter_word", notation=parameter.notation, value=shown)
     nearest = number_of(dialect, parameter, raw)
     rounding = 10.0 ** -(parameter.scale.decimals + 3)  # of binary fractions: a thousandth of the last digit shown
-    if word is None and nearest is not None and not isclose(nearest, number, abs_tol=rounding):
+    if word is None and nearest is not None:
         nearest_shown = display_value(parameter, nearest, nearest)
-        raise LimitError("drives.parameter_step", notation=parameter.notation, value=shown, nearest=nearest_shown)
+        if not isclose(nearest, number, abs_tol=rounding):
+            raise LimitError("drives.parameter_step", notation=parameter.notation, value=shown, nearest=nearest_shown)
+        shown = nearest_shown
     if parameter.choices_complete and not _is_described(parameter, raw):
         known = tuple(str(choice) for choice in parameter.choices)
         raise LimitError("drives.parameter_choice", notation=parameter.notation, value=shown, choices=known)
@@ -103,7 +105,7 @@ def display_value(parameter: Parameter, value: float | str, number: float) -> fl
         return value
     if parameter.scale.decimals or not float(number).is_integer():
         return number
-    return f"{int(number):04d}" if parameter.scale.coding == "bcd" else int(number)
+    return f"{int(number):04d}" if parameter.scale.coding == "bcd" and number >= 0 else int(number)
 
 
 def confirmation_needed(dialect: Dialect, write: CheckedWrite) -> ConfirmationRequired | None:
