@@ -86,7 +86,7 @@ def test_the_text_of_status_has_no_catalogue_key(language: str) -> None:
 
 def test_read_shows_notation_wire_address_raw_and_scaled_value() -> None:
     values = run_json("read", "sim://c320@1", "F0.1", "F1.10", "output_frequency", *C320)["values"]
-    by_name = {one["name"]: one for one in values}
+    by_name = {value["name"]: value for value in values}
     assert by_name["F0.1"]["raw"] == 2
     assert by_name["F0.1"]["wire"] == {"space": "parameter", "address": 1, "hex": "0001H"}
     assert by_name["F1.10"]["wire"]["hex"] == "010AH"
@@ -97,7 +97,7 @@ def test_read_shows_the_factory_setting_beside_the_value() -> None:
     """It was on the page and in the API only."""
     drive = ("sim://vc660@1", "F00.01", "output_frequency", "--model", "vc660", "--address", "1")
     found = run_json("read", *drive)["values"]
-    assert [one["factory"] for one in found] == [2.0, None]
+    assert [value["factory"] for value in found] == [2.0, None]
     assert "source of the frequency = serial port (factory setting 2)" in run_text("read", *drive)
     assert "（出厂值 2）" in run_text("read", *drive, "--lang", "zh")
 
@@ -106,9 +106,9 @@ def test_an_unknown_name_does_not_keep_the_other_names_from_being_read() -> None
     """A single mistyped name of ten left the user without any value, and named itself only."""
     words = ("read", "sim://c320@1", "F0.300", "F0.1", "output_frequence", "output_frequency", *C320)
     found = run_json(*words, code=2)
-    assert [one["name"] for one in found["values"]] == ["F0.1", "output_frequency"]
+    assert [value["name"] for value in found["values"]] == ["F0.1", "output_frequency"]
     assert found["values"][0]["raw"] == 2
-    assert [one["params"]["name"] for one in found["refused"]] == ["F0.300", "output_frequence"]
+    assert [refusal["params"]["name"] for refusal in found["refused"]] == ["F0.300", "output_frequence"]
     text = run_text(*words, code=2)
     assert "frequency channel" in text
     assert "c320 has no F0.300" in text and "near: output_frequency" in text
@@ -128,7 +128,7 @@ def test_the_json_has_each_unknown_name_also_where_none_is_known(
 ) -> None:
     """Without a known name the document had the last name only; with ``--dry-run`` it had no name."""
     found = run_json("read", "sim://c320@1", *names, *C320, *dry_run, code=2)
-    assert [one["params"]["name"] for one in found["refused"]] == ["F0.300", "F1.999"]
+    assert [refusal["params"]["name"] for refusal in found["refused"]] == ["F0.300", "F1.999"]
     assert len(found["frames" if dry_run else "values"]) == len(names) - 2
 
 
@@ -360,7 +360,7 @@ def test_a_scan_of_an_empty_bus_exits_with_1_and_names_what_to_check() -> None:
 
 
 def test_models_lists_every_profile_with_its_grade() -> None:
-    found = {one["model"]: one["grade"] for one in run_json("models")["models"]}
+    found = {profile["model"]: profile["grade"] for profile in run_json("models")["models"]}
     assert {"c320", "dzb100", "vc660", "df800"} <= set(found)
     assert found["c300"] == "draft"
 
@@ -376,7 +376,7 @@ def test_models_lists_every_profile_with_its_grade() -> None:
     ],
 )
 def test_models_are_searched_by_name_maker_and_title_in_both_languages(search: str, expected: set[str]) -> None:
-    assert {one["model"] for one in run_json("models", "--search", search)["models"]} == expected
+    assert {profile["model"] for profile in run_json("models", "--search", search)["models"]} == expected
 
 
 def test_a_search_without_a_model_says_so() -> None:
@@ -390,8 +390,8 @@ def test_an_invalid_own_profile_is_reported_and_hides_no_other(own_profiles: Pat
     (own_profiles / "vc660.toml").write_text('format = 1\nextends = "df800"\n')
     (own_profiles / "folder.toml").mkdir()
     document = run_json("models", code=2)
-    assert {"c320", "df800", "good"} <= {one["model"] for one in document["models"]}
-    refused = {Path(one["params"]["file"]).name: one["params"] for one in document["refused"]}
+    assert {"c320", "df800", "good"} <= {profile["model"] for profile in document["models"]}
+    refused = {Path(refusal["params"]["file"]).name: refusal["params"] for refusal in document["refused"]}
     assert len(document["refused"]) == len(refused) == 3
     typo = refused["typo.toml"]
     assert (typo["line"], typo["key"], bool(typo["remedy"])) == (4, "limits.maximum_herz", True)
@@ -407,7 +407,7 @@ def test_an_invalid_own_profile_is_reported_and_hides_no_other(own_profiles: Pat
 def test_models_lists_each_value_of_the_option_model_once(own_profiles: Path) -> None:
     """A file without ``model =`` contains the model name of its base."""
     (own_profiles / "mine.toml").write_text('format = 1\nextends = "c320"\n')
-    names = [one["model"] for one in run_json("models")["models"]]
+    names = [profile["model"] for profile in run_json("models")["models"]]
     assert names.count("c320") == 1 and names[-1] == "mine"
     for name in names:
         assert run_json("profile", "check", str(profiles.load(name).source))["valid"]
@@ -423,9 +423,11 @@ def test_ports_names_an_adapter_that_holds_bytes_back_and_the_remedy(
     """An FTDI adapter with its factory setting, one set to 1 ms, and one without the timer."""
     install_latency_timers(tmp_path, monkeypatch, ttyUSB7=16, ttyUSB8=1)
     devices = [f"/dev/{name}" for name in ("ttyUSB7", "ttyUSB8", "ttyACM0")]
-    found = [discovery.PortInfo(device=one, description="", identity=f"device:{one}", url=one) for one in devices]
+    found = [
+        discovery.PortInfo(device=device, description="", identity=f"device:{device}", url=device) for device in devices
+    ]
     monkeypatch.setattr(discovery, "discover_ports", lambda: found)
-    assert [one["latency_ms"] for one in run_json("ports")["ports"]] == [16, 1, None]
+    assert [port["latency_ms"] for port in run_json("ports")["ports"]] == [16, 1, None]
     result = CliRunner().invoke(cli, ["ports"])
     noted = " ".join(result.stderr.split())
     assert "devices/ttyUSB7/latency_timer" in noted and "16 ms" in noted

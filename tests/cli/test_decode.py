@@ -72,7 +72,7 @@ def names_in(fields: Any) -> set[str]:
 @pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector["id"])
 def test_each_field_has_a_label(vector: dict[str, Any]) -> None:
     document = decode(vector)[1]
-    for fields in (document["fields"], *(one["fields"] for one in document["interpretations"])):
+    for fields in (document["fields"], *(interpretation["fields"] for interpretation in document["interpretations"])):
         assert {name for name in names_in(fields) if f"decode.field.{name}" not in i18n.catalogue("zh")} == set()
 
 

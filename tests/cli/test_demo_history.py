@@ -88,7 +88,7 @@ SHIFTS = [(bus, drive) for bus in range(len(BUSES)) for drive in range(3)]
 def test_each_trip_of_the_history_is_an_alarm_that_was_acknowledged_and_cleared() -> None:
     """Trips in the trend beside an empty list of past alarms made the demo look broken."""
     alarms = []
-    for setting, profile, history, _ in (shift(*one) for one in SHIFTS):
+    for setting, profile, history, _ in (shift(bus, drive) for bus, drive in SHIFTS):
         made = [*past_alarms(setting, profile, history.events, "demo")]
         ended = [event for event in history.events[:-1] if event.kind == "trip"]
         assert [alarm.raised_ms for alarm in made] == [event.time_ms for event in ended]
@@ -112,7 +112,7 @@ def test_the_events_of_the_history_name_their_drive_as_the_page_does() -> None:
 
 def test_a_trip_of_the_history_names_its_fault_as_one_of_a_drive_does() -> None:
     """Regression: the list of a drive's faults had *its motor jams …* for a fault of some hours ago."""
-    for _, profile, history, _ in (shift(*one) for one in SHIFTS if BUSES[one[0]].model == "dzb100"):
+    for _, profile, history, _ in (shift(bus, drive) for bus, drive in SHIFTS if BUSES[bus].model == "dzb100"):
         for event in history.events:
             text = host._event_json(event, 0, Text("Fan", "风机"), profile)["text"]
             named = (text["en"] == "fault E005: over-current while running", text["zh"] == "故障 E005：运转中过电流")
@@ -120,7 +120,7 @@ def test_a_trip_of_the_history_names_its_fault_as_one_of_a_drive_does() -> None:
 
 
 def test_the_statistics_count_the_hours_of_the_history() -> None:
-    for setting, profile, history, samples in (shift(*one) for one in SHIFTS):
+    for setting, profile, history, samples in (shift(bus, drive) for bus, drive in SHIFTS):
         found = past_statistics(profile, samples, history.events, START_MS)
         shown = found.as_json()
         frequencies = [sample.value or 0.0 for sample in samples if sample.tag.endswith(".output_frequency")]

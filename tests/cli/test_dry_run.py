@@ -93,7 +93,7 @@ def test_a_dry_run_of_a_loopback_says_that_its_numbers_begin_elsewhere_in_each_t
 def test_a_dry_run_of_a_pause_and_of_a_ramp_hold_prints_their_levels() -> None:
     vc660 = ("--model", "vc660", "--address", "1")
     assert frames("pause", *vc660)[-1].startswith("01 06 20 00 00 80")
-    assert [one[:17] for one in frames("hold-ramp", *vc660, "5")[2:4]] == ["01 06 20 00 01 00", "01 06 20 00 00 00"]
+    assert [frame[:17] for frame in frames("hold-ramp", *vc660, "5")[2:4]] == ["01 06 20 00 01 00", "01 06 20 00 00 00"]
 
 
 def test_a_dry_run_of_a_ramp_hold_shows_the_checks_before_it_and_the_stop_that_may_end_it() -> None:
@@ -120,7 +120,7 @@ def test_a_dry_run_shows_the_checks_that_a_run_shows(model: str, words: tuple[st
     planned = frames(*words, *options)
     run = dry("run", "--frequency", "0.5", *options)["frames"]
     checks = ("preflight", "ramp_times", "state")
-    checked = [one["hex"] for one in run if one["purpose"] in [i18n.text(f"dry.{name}", "en") for name in checks]]
+    checked = [frame["hex"] for frame in run if frame["purpose"] in [i18n.text(f"dry.{name}", "en") for name in checks]]
     assert checked and planned[: len(checked)] == checked
     assert len(planned) > len(checked)
 
@@ -254,40 +254,42 @@ def test_a_parameter_is_compared_before_it_is_saved_and_not_before_a_ram_write(
 def test_models_with_numbers_for_commands_send_the_frames_of_their_makers_manuals(
     frame: str, words: tuple[str, ...]
 ) -> None:
-    assert frame.replace(" ", "") in [one.replace(" ", "") for one in frames(*words, "--address", "1")]
+    assert frame.replace(" ", "") in [planned.replace(" ", "") for planned in frames(*words, "--address", "1")]
 
 
 def test_the_plan_of_a_share_reads_the_maximum_frequency_and_says_which_one_it_assumes() -> None:
     document = dry("run", "--frequency", "20", "--model", "skf8000", "--address", "3")
-    sent = [one["hex"].replace(" ", "") for one in document["frames"]]
-    assert any(one.startswith("0303F00A0001") for one in sent)  # P0-10
-    assert any(one.startswith("030610000FA0") for one in sent)  # 4000 of 10000
+    sent = [frame["hex"].replace(" ", "") for frame in document["frames"]]
+    assert any(frame.startswith("0303F00A0001") for frame in sent)  # P0-10
+    assert any(frame.startswith("030610000FA0") for frame in sent)  # 4000 of 10000
     notes = " ".join(document["notes"])
     assert "P0-10, shown for 50 Hz" in notes and "a frequency above it is refused" in notes
 
 
 @pytest.mark.parametrize("command", ["stop", "coast"])
 def test_the_plan_of_a_first_stop_begins_with_the_read_that_shows_the_model(command: str) -> None:
-    sent = [one["hex"].replace(" ", "") for one in dry(command, "--model", "gd10", "--address", "3")["frames"]]
+    sent = [frame["hex"].replace(" ", "") for frame in dry(command, "--model", "gd10", "--address", "3")["frames"]]
     assert len(sent) == 2 and sent[0].startswith("030321000001") and sent[1].startswith("03062000")
 
 
 def test_the_plan_of_a_stop_with_an_assumed_model_has_no_read() -> None:
     document = dry("stop", "--model", "gd10", "--address", "3", "--assume-model")
-    assert [one["hex"].replace(" ", "")[:12] for one in document["frames"]] == ["030620000005"]
+    assert [frame["hex"].replace(" ", "")[:12] for frame in document["frames"]] == ["030620000005"]
 
 
 def test_the_plan_of_a_run_shows_the_words_before_the_start() -> None:
     document = dry("run", "--frequency", "5", "--model", "acs550", "--address", "3")
-    sent = [one["hex"].replace(" ", "")[:12] for one in document["frames"]]
+    sent = [frame["hex"].replace(" ", "")[:12] for frame in document["frames"]]
     first, second, start = (sent.index(f"03060000{word}") for word in ("0476", "0477", "047F"))
     assert first < second < start and sent.count("030600000476") == 1
     assert any("only in the status that asks for it" in note for note in document["notes"])
 
 
 def test_the_writes_of_a_reset_on_an_edge_begin_with_the_stop_word() -> None:
-    sent = [one["hex"].replace(" ", "")[:12] for one in dry("reset", "--model", "acs550", "--address", "3")["frames"]]
-    assert [one for one in sent if one.startswith("0306")] == ["03060000047E", "0306000004FE"]
+    sent = [
+        frame["hex"].replace(" ", "")[:12] for frame in dry("reset", "--model", "acs550", "--address", "3")["frames"]
+    ]
+    assert [frame for frame in sent if frame.startswith("0306")] == ["03060000047E", "0306000004FE"]
 
 
 @pytest.mark.parametrize(("model", "shows_state"), [("c320", True), ("vc660", True), ("df800", False)])
@@ -301,7 +303,7 @@ def test_the_plan_of_a_reset_shows_the_state_that_decides_on_it(model: str, show
 
 def test_the_plan_of_a_run_shows_the_unlock_and_the_direction_before_the_start() -> None:
     document = dry("run", "--frequency", "5", "--model", "smd", "--address", "3")
-    sent = [one["hex"].replace(" ", "")[:12] for one in document["frames"] if one["hex"].startswith("03 06")]
+    sent = [frame["hex"].replace(" ", "")[:12] for frame in document["frames"] if frame["hex"].startswith("03 06")]
     assert sent == ["030600300000", "030600010080", "030600280032", "030600010008"]
 
 
@@ -309,7 +311,7 @@ def test_the_plan_of_a_stop_names_the_unlock_of_a_drive_that_rejects_it() -> Non
     for model, named in (("smd", True), ("gd10", False)):
         document = dry("stop", "--model", model, "--address", "3")
         assert any("is unlocked, and the stop is sent again" in note for note in document["notes"]) is named
-        assert not any(one["hex"].startswith("03 06 00 30") for one in document["frames"])
+        assert not any(frame["hex"].startswith("03 06 00 30") for frame in document["frames"])
 
 
 REFUSED_COMMAND_LINES = [

@@ -187,7 +187,7 @@ def test_the_shell_completes_ports_models_and_files(
 ) -> None:
     """A plant file, a capture and a link to a pty were not completed at all."""
     found = ShellComplete(cli, {}, "drivebus", "_DRIVEBUS_COMPLETE").get_completions(words, incomplete)
-    assert [(one.value, one.type) for one in found] == [expected]
+    assert [(item.value, item.type) for item in found] == [expected]
 
 
 def test_completion_lists_the_commands() -> None:
@@ -200,9 +200,13 @@ def test_no_option_type_of_click_can_reject_a_value() -> None:
     """Errors of click's own types are English only; text, flags and any path are never rejected."""
     types = {param.name: param.type for _, command in TREE for param in command.params}
     never_rejecting = (click.types.StringParamType, click.types.BoolParamType)
-    left = {name: one for name, one in types.items() if type(one).__module__.startswith("click.")}
+    left = {
+        name: option_type for name, option_type in types.items() if type(option_type).__module__.startswith("click.")
+    }
     refusing = {
-        name for name, one in left.items() if not isinstance(one, never_rejecting) and not _accepts_every_path(one)
+        name
+        for name, option_type in left.items()
+        if not isinstance(option_type, never_rejecting) and not _accepts_every_path(option_type)
     }
     assert refusing == set()
 

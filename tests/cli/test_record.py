@@ -22,8 +22,8 @@ def invoke(*words: str) -> Result:
 
 
 def sent(file: Path) -> list[str]:
-    records = [one for one in read_capture(file).records if isinstance(one, BytesRecord)]
-    return [one.data.hex(" ").upper() for one in records if one.direction == "tx"]
+    records = [record for record in read_capture(file).records if isinstance(record, BytesRecord)]
+    return [record.data.hex(" ").upper() for record in records if record.direction == "tx"]
 
 
 @pytest.mark.parametrize("command", [("stop",), ("read", "F0.1"), ("write", "F1.10=1"), ("reset",)])
@@ -31,7 +31,9 @@ def test_a_capture_has_every_frame_of_the_command(tmp_path: Path, command: tuple
     file = tmp_path / "one.dbcap"
     result = invoke(command[0], "sim://c320@1", *command[1:], *C320, "--record", str(file))
     assert result.exit_code == 0, result.output
-    received = [one for one in read_capture(file).records if isinstance(one, BytesRecord) and one.direction == "rx"]
+    received = [
+        record for record in read_capture(file).records if isinstance(record, BytesRecord) and record.direction == "rx"
+    ]
     assert sent(file) and received
     assert f"drivebus monitor {file}" in result.stderr
 
@@ -50,7 +52,7 @@ def test_monitor_shows_a_recorded_bus(tmp_path: Path) -> None:
     shown = invoke("monitor", str(file), "--json", "--speed", "50")
     assert shown.exit_code == 0
     drives = json.loads(shown.stdout.splitlines()[-1])["drives"]
-    assert [(one["model"], one["address"], one["state"]) for one in drives] == [("vc660", 1, "stopped")]
+    assert [(drive["model"], drive["address"], drive["state"]) for drive in drives] == [("vc660", 1, "stopped")]
 
 
 def test_the_capture_of_a_scan_has_the_serial_settings_of_each_pass(tmp_path: Path) -> None:
@@ -58,8 +60,10 @@ def test_the_capture_of_a_scan_has_the_serial_settings_of_each_pass(tmp_path: Pa
     words = ("scan", "sim://vc660@1?drives=19200-8N1", "--models", "vc660", "--addresses", "1-2", "--formats", "8N1")
     result = invoke(*words, "--bauds", "9600,19200", "--listen-seconds", "0.1", "--record", str(file), "--json")
     assert result.exit_code == 0, result.output
-    opened = [one for one in read_capture(file).records if isinstance(one, EventRecord) and one.name == "opened"]
-    assert [one.details["baud"] for one in opened] == [9600, 9600, 19200], "listened first, then both settings"
+    opened = [
+        record for record in read_capture(file).records if isinstance(record, EventRecord) and record.name == "opened"
+    ]
+    assert [event.details["baud"] for event in opened] == [9600, 9600, 19200], "listened first, then both settings"
     assert json.loads(result.stdout)["found"][0]["sent"] in sent(file)
     assert f"drivebus monitor {file}" in result.stderr
 
@@ -90,7 +94,7 @@ def test_a_capture_that_can_not_be_written_prevents_no_stop(tmp_path: Path, word
     assert (result.exit_code, "onfirmed" in result.stdout) == (0, True), result.output
     assert result.stderr.startswith("Not recorded: ") and name in result.stderr
     assert (tmp_path / "evidence.dbcap").read_text() == "evidence"
-    assert [one.name for one in tmp_path.iterdir()] == ["evidence.dbcap"]
+    assert [path.name for path in tmp_path.iterdir()] == ["evidence.dbcap"]
 
 
 @pytest.mark.parametrize(

@@ -112,7 +112,7 @@ def test_a_detached_run_a_new_setpoint_and_a_stop(plant: RunningService, service
     done = CliRunner().invoke(cli, words)
     events = [json.loads(line) for line in done.stdout.splitlines()]
     assert done.exit_code == 0, done.output
-    assert [one["event"] for one in events] == ["comm_loss", "started"]
+    assert [event["event"] for event in events] == ["comm_loss", "started"]
     assert state(plant).driven
     assert run_command(service, "set-frequency", *FAN, "15")["outcome"] == "acknowledged"
     assert rest(plant, "/drives/fan-1")["lease"] is None
@@ -274,7 +274,7 @@ def test_stop_all_stops_the_whole_plant(plant: RunningService, service: str) -> 
 def test_stop_of_a_group_stops_its_drives_and_permits_their_start(plant: RunningService, service: str) -> None:
     found = run_command(service, "stop", "--group", "fans")
     assert (sorted(found["confirmed"]), found["unconfirmed"]) == (["fan-1", "fan-2"], [])
-    assert {one["status"] for one in found["drives"].values()} == {"confirmed"}
+    assert {stop["status"] for stop in found["drives"].values()} == {"confirmed"}
     view = plant.run_in_loop(lambda: plant.kit.call("drives.get", drive="fan-1"))
     assert view["last_stop"]["kind"] == "group" and not view["start_inhibited"]
     assert run_command(service, "stop", "--group", "pumps", code=1)["error"]["key"] == "plant.no_group"
@@ -303,7 +303,7 @@ def test_set_frequency_of_a_group_sets_each_drive_and_gives_the_control_back(
     words = ["set-frequency", "--service", service, "--group", "fans", "12.5"]
     result = CliRunner().invoke(cli, [*words, "--json"])
     assert result.exit_code == 0, result.output
-    found = {one["drive"]: one["outcome"] for one in map(json.loads, result.stdout.splitlines())}
+    found = {answer["drive"]: answer["outcome"] for answer in map(json.loads, result.stdout.splitlines())}
     assert found == {"fan-1": "acknowledged", "fan-2": "acknowledged"}
     assert [rest(plant, f"/drives/{drive}")["lease"] for drive in found] == [None, None]
     assert "fan-2: Acknowledged, can't be confirmed: " in CliRunner().invoke(cli, [*words, "--lang", "en"]).output
@@ -567,8 +567,8 @@ def test_the_live_view_shows_the_drives_offline_when_the_service_is_lost(
 ) -> None:
     monkeypatch.setenv("DRIVEBUS_TOKEN", token(Role.VIEWER))
     shown = CliRunner().invoke(cli, ["monitor", "--service", plant.url, "--json", "--duration", "0.2"])
-    first = next(one for one in map(json.loads, shown.stdout.splitlines()) if "drives" in one)
-    assert [one["drive"] for one in first["drives"]] == ["fan-1", "fan-2", "pump-1", "pump-2"], shown.output
+    first = next(view for view in map(json.loads, shown.stdout.splitlines()) if "drives" in view)
+    assert [drive["drive"] for drive in first["drives"]] == ["fan-1", "fan-2", "pump-1", "pump-2"], shown.output
     source = ServiceRowSource(plant.url)
     source._drives = [_row(plant)]
     source._mark_unreachable(ConfigurationError("service.token"))
@@ -611,7 +611,7 @@ def test_equal_refusals_of_several_drives_are_one_sentence_with_their_names(
         plant.run_in_loop(lambda drive=drive: plant.kit.call("lease.take", other, drive=drive))  # type: ignore[misc]
     result = CliRunner().invoke(cli, ["release", "--service", service, "--all", "--json"])
     *released, refused = map(json.loads, result.stdout.splitlines())
-    assert result.exit_code == 1 and [one["released"] for one in released] == ["pump-1", "pump-2"]
+    assert result.exit_code == 1 and [answer["released"] for answer in released] == ["pump-1", "pump-2"]
     assert refused["refused"] == ["fan-1", "fan-2"] and refused["error"] == "bob has control of fan-1, fan-2"
     for drive in ("fan-1", "fan-2"):
         plant.kit.service.plant.leases.remove_drive(drive)
@@ -632,7 +632,7 @@ def test_an_unknown_drive_is_answered_with_those_that_exist(plant: RunningServic
     for command in ("status", "stop"):
         error = run_command(service, command, "--drive", name, code=1)["error"]
         assert error["key"] == "plant.no_drive"
-        assert all(one in error["text"] for one in (name, *plant.kit.service.plant.drives))
+        assert all(drive in error["text"] for drive in (name, *plant.kit.service.plant.drives))
 
 
 def test_a_request_for_control_that_no_session_has_says_that_a_command_takes_it(

@@ -567,7 +567,9 @@ def test_monitor_shows_a_drive_that_answers_in_two_encodings_once(monkeypatch: p
 def test_an_assumed_model_is_marked_in_the_table() -> None:
     """Regression: only a message before the table said so."""
     row = DriveRow(key="a", name="c320 1", bus="A", model="c320", address=1)
-    shown = [drive_cells(one, 0.0, drive_columns(80))[0].plain for one in (row, replace(row, is_model_assumed=True))]
+    shown = [
+        drive_cells(variant, 0.0, drive_columns(80))[0].plain for variant in (row, replace(row, is_model_assumed=True))
+    ]
     assert [name.strip() for name in shown] == ["c320 1", "c320? 1"]
 
 

@@ -649,7 +649,7 @@ FREQUENCIES = [
 ]
 
 
-@pytest.mark.parametrize(("typed", "english", "chinese"), FREQUENCIES, ids=[one[0] for one in FREQUENCIES])
+@pytest.mark.parametrize(("typed", "english", "chinese"), FREQUENCIES, ids=[case[0] for case in FREQUENCIES])
 def test_a_mistyped_frequency_is_answered_with_what_to_type(typed: str, english: str, chinese: str) -> None:
     words = ["run", "sim://c320@1", "--model", "c320", "--address", "1", "--frequency", typed]
     result = run_words(words, "en")

@@ -44,7 +44,7 @@ def records(plant: Path) -> list[tuple[str, str, str]]:
     lines = (plant.parent / "state" / "audit.jsonl").read_text().splitlines()
     found: list[dict[str, Any]] = [json.loads(line) for line in lines]
     wanted = ("user.", "password", "token.")
-    return [(one["what"], one["target"], one["outcome"]) for one in found if one["what"].startswith(wanted)]
+    return [(entry["what"], entry["target"], entry["outcome"]) for entry in found if entry["what"].startswith(wanted)]
 
 
 def test_an_added_user_can_log_in_and_the_change_is_audited(plant: Path) -> None:
@@ -55,7 +55,9 @@ def test_an_added_user_can_log_in_and_the_change_is_audited(plant: Path) -> None
     assert records(plant) == [("user.add", "Ann", "requested"), ("user.add", "Ann", "done")]
     assert PASSWORD not in (plant.parent / "state" / "audit.jsonl").read_text()
     listed = user(plant, "list", "--json")
-    assert [(one["name"], one["role"]) for one in json.loads(listed.output)["users"]] == [("ann", "administrator")]
+    assert [(account["name"], account["role"]) for account in json.loads(listed.output)["users"]] == [
+        ("ann", "administrator")
+    ]
 
 
 def test_tokens_are_listed_and_withdrawn(plant: Path) -> None:
@@ -96,7 +98,7 @@ def test_a_user_is_disabled_enabled_given_a_new_password_and_removed(plant: Path
     run(auth.login("bob", "another pass phrase", "local"))
     assert user(plant, "remove", "ann").exit_code == 1, "the last administrator"
     assert user(plant, "remove", "bob").exit_code == 0
-    assert [one.name for one in auth.database.users] == ["ann"]
+    assert [account.name for account in auth.database.users] == ["ann"]
 
 
 def test_a_token_is_printed_once_and_has_the_given_rights(plant: Path) -> None:
