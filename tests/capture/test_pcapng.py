@@ -42,7 +42,7 @@ def rx(time_s: float, data: bytes, marks: int = 0) -> BytesRecord:
 
 
 def shape(frames: list[CapturedFrame]) -> list[tuple[float, bool, bool, bytes]]:
-    return [(one.time_s, one.received, one.from_master, one.data) for one in frames]
+    return [(frame.time_s, frame.received, frame.from_master, frame.data) for frame in frames]
 
 
 # frames
@@ -80,14 +80,14 @@ def test_the_characters_are_those_of_the_line_as_it_was_opened_last(details: dic
 
 def test_what_we_sent_is_never_joined() -> None:
     found = split_frames(capture(tx(0.0, READ), tx(0.001, READ), rx(0.002, REPLY), tx(0.003, READ)))
-    assert [one.data for one in found] == [READ, READ, REPLY, READ]
+    assert [frame.data for frame in found] == [READ, READ, REPLY, READ]
 
 
 @pytest.mark.parametrize("pieces", [[READ + REPLY], [READ, REPLY], [READ[:3], READ[3:] + REPLY]])
 def test_an_adapters_echo_is_the_masters_however_it_came(pieces: list[bytes]) -> None:
     found = split_frames(capture(tx(0.0, READ), *(rx(0.1 + 0.2 * at, piece) for at, piece in enumerate(pieces))))
     if pieces[0] != READ[:3]:
-        assert [(one.received, one.from_master, one.data) for one in found] == [
+        assert [(frame.received, frame.from_master, frame.data) for frame in found] == [
             (False, True, READ),
             (True, True, READ),
             (True, False, REPLY),
@@ -100,7 +100,7 @@ def test_an_adapters_echo_is_the_masters_however_it_came(pieces: list[bytes]) ->
 def test_a_write_whose_reply_mirrors_it_has_its_reply(received: bytes) -> None:
     """Nothing that could be a reply came after it, so it is the reply."""
     found = split_frames(capture(tx(0.0, WRITE), rx(0.1, received)))
-    assert [one.from_master for one in found] == [True, False]
+    assert [frame.from_master for frame in found] == [True, False]
 
 
 def test_the_protocol_of_a_sent_frame_applies_to_the_bytes_after_it() -> None:
@@ -108,13 +108,13 @@ def test_the_protocol_of_a_sent_frame_applies_to_the_bytes_after_it() -> None:
     found = split_frames(
         capture(tx(0, READ), rx(0.1, damaged), tx(1, C320), rx(1.1, REPLY), tx(2, READ), rx(2.1, C320))
     )
-    assert [one.modbus for one in found] == [True, True, False, False, True, True]
+    assert [frame.modbus for frame in found] == [True, True, False, False, True, True]
 
 
 def test_bytes_received_before_any_request_are_classified_by_their_checksum() -> None:
     found = split_frames(capture(rx(0, READ), rx(1, b"\xff\xff"), rx(2, b""), rx(3, C320)))
-    assert [one.modbus for one in found] == [True, False, False, False]
-    assert all(one.modbus for one in split_frames(capture(rx(0, C320), tx(1, C320)), all_modbus=True))
+    assert [frame.modbus for frame in found] == [True, False, False, False]
+    assert all(frame.modbus for frame in split_frames(capture(rx(0, C320), tx(1, C320)), all_modbus=True))
 
 
 def test_an_event_is_kept_as_its_line_with_the_frame_after_it_and_parts_frames() -> None:
@@ -122,7 +122,7 @@ def test_an_event_is_kept_as_its_line_with_the_frame_after_it_and_parts_frames()
     found = split_frames(
         capture(EventRecord(0.0, "opened", {"baud": 9600}), tx(0.1, READ), rx(0.101, REPLY), lost, rx(0.103, REPLY))
     )
-    assert [one.events for one in found] == [
+    assert [frame.events for frame in found] == [
         ('{"t": 0.0, "event": "opened", "baud": 9600}',),
         (),
         ('{"t": 0.102, "event": "lost", "reason": "拔出"}',),
@@ -234,7 +234,7 @@ def test_the_datagram_tells_who_spoke_to_whom(
 
 def test_a_burst_without_end_becomes_several_datagrams() -> None:
     burst = CapturedFrame(time_s=0, data=bytes(9000), received=True, from_master=False, events=("lost",))
-    assert [len(one) - 28 for one in packets(burst)] == [4096, 4096, 808]
+    assert [len(packet) - 28 for packet in packets(burst)] == [4096, 4096, 808]
     assert wireshark.encode_wireshark(capture(), [burst]).count(b"lost") == 1
 
 
@@ -328,7 +328,7 @@ def test_an_existing_file_is_replaced_only_where_force_says_so(trip: Path) -> No
     assert f"{out} already exists" in refused.stderr and "--force" in refused.stderr
     assert export(trip, "-o", out, "--force").exit_code == 0
     assert out.read_bytes()[:4] == b"\x0a\x0d\x0d\x0a"
-    assert sorted(one.name for one in trip.parent.iterdir()) == ["trip.dbcap", "trip.pcapng"]
+    assert sorted(path.name for path in trip.parent.iterdir()) == ["trip.dbcap", "trip.pcapng"]
 
 
 def test_a_forced_link_to_the_capture_itself_spares_the_capture(trip: Path) -> None:
@@ -355,7 +355,7 @@ def test_half_a_file_is_taken_away_again(trip: Path, words: tuple[str, ...]) -> 
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert result.exit_code == 2 and "File too large" in result.stderr
-    assert [one.name for one in trip.parent.iterdir()] == ["trip.dbcap"]
+    assert [path.name for path in trip.parent.iterdir()] == ["trip.dbcap"]
 
 
 def test_a_cut_or_undated_capture_is_exported_with_a_note(tmp_path: Path) -> None:
