@@ -432,7 +432,7 @@ def test_a_dated_report_is_left(bench: SimulatedBus, tmp_path: Path) -> None:
     acceptance_command.write_report(tmp_path, Target(port=ACCEPTANCE_LINK, model="vc660", address=1), found)
     [written] = tmp_path.glob("drivebus-acceptance-*.json")
     document = json.loads(written.read_text(encoding="utf-8"))
-    assert [one["verdict"] for one in document["findings"]] == ["passed", "skipped"]
+    assert [finding["verdict"] for finding in document["findings"]] == ["passed", "skipped"]
     assert document["model"] == "vc660"
     assert written.with_suffix(".md").exists()
 
@@ -466,5 +466,5 @@ def test_an_acceptance_whose_output_is_lost_ends_with_the_code_of_its_findings(
     target = Target(port=ACCEPTANCE_LINK, model="vc660", address=1)
     code = run(acceptance_command._run(target, motor=False, frequency_hz=5.0, folder=tmp_path))
     [written] = tmp_path.glob("drivebus-acceptance-*.json")
-    assert [one["step"] for one in json.loads(written.read_text())["findings"]] == ["parity", "reply_times"]
+    assert [finding["step"] for finding in json.loads(written.read_text())["findings"]] == ["parity", "reply_times"]
     assert code == 0

@@ -135,7 +135,7 @@ def test_each_faulty_line_of_a_table_is_named_with_its_field(tmp_path: Path) -> 
     table.write_text("\n".join(lines), encoding="utf-8")
     with pytest.raises(ProfileError) as caught:
         read_table(table, "hex")
-    found = [(one.line, one.key, one.kind) for one in caught.value.params["diagnostics"]]
+    found = [(diagnostic.line, diagnostic.key, diagnostic.kind) for diagnostic in caught.value.params["diagnostics"]]
     assert found == [
         (3, "address", "address"),
         (4, "address", "address_again"),
@@ -145,7 +145,7 @@ def test_each_faulty_line_of_a_table_is_named_with_its_field(tmp_path: Path) -> 
         (8, "scale", "scale"),
         (9, "access", "access"),
     ]
-    assert all(one.expected.en and one.remedy.zh for one in caught.value.params["diagnostics"])
+    assert all(diagnostic.expected.en and diagnostic.remedy.zh for diagnostic in caught.value.params["diagnostics"])
 
 
 @pytest.mark.parametrize(("text", "kind"), [("", "empty"), ("unit,text\nHz,x\n", "header")])
@@ -154,7 +154,7 @@ def test_a_table_without_header_is_rejected(tmp_path: Path, text: str, kind: str
     table.write_text(text, encoding="utf-8")
     with pytest.raises(ProfileError) as caught:
         read_table(table, "hex")
-    assert [one.kind for one in caught.value.params["diagnostics"]] == [kind]
+    assert [diagnostic.kind for diagnostic in caught.value.params["diagnostics"]] == [kind]
 
 
 # --- command line ------------------------------------------------------------------------------------------------
@@ -233,7 +233,7 @@ def inserted_after(answers: dict[str, str], name: str, added: dict[str, str]) ->
     """Return answers in their order with those of further questions behind one of them."""
     at = [*answers].index(name) + 1
     items = [*answers.items()]
-    return dict([*items[:at], *((one, text) for one, text in added.items() if one not in answers), *items[at:]])
+    return dict([*items[:at], *((key, text) for key, text in added.items() if key not in answers), *items[at:]])
 
 
 def with_neighbour(*texts: str, **changed: str) -> str:
@@ -295,7 +295,7 @@ def test_no_neighbour_is_asked_for_where_a_late_reply_can_be_recognized(loopback
 def test_a_step_that_the_manual_lacks_is_assumed_and_never_recorded_as_its_evidence(tmp_path: Path) -> None:
     """Enter took 0.01 Hz, with the manual as its evidence, and ? was refused."""
     steps = [question for question in QUESTIONS if question.name.endswith("_step")]
-    assert len(steps) == 3 and all(one.default is None and one.accepts_unknown for one in steps)
+    assert len(steps) == 3 and all(step.default is None and step.accepts_unknown for step in steps)
     profile = written(tmp_path, {"setpoint_step": UNKNOWN})
     assert profile.evidence["setpoint"].kind == "assumed"
     assert profile.setpoint_scale.factor == 0.1, "of the usual steps the one that gives the lower word"
@@ -343,7 +343,7 @@ def test_the_checklist_names_what_the_cap_of_5_hz_waits_for(
         if name != "setpoint_step" or "full_scale" not in changed:
             answers[name] = text
         if name == "setpoint_kind":
-            answers |= {one: changed[one] for one in SHARE if one in changed}
+            answers |= {key: changed[key] for key in SHARE if key in changed}
     result = invoke(str(tmp_path / "acme.toml"), "--lang", "en", answers=answers)
     assert result.exit_code == 0, result.output
     assert ("5 Hz is the most" in result.output) == (named is not None)

@@ -49,7 +49,7 @@ def default_plan(**options: Any) -> list[ScanPass]:
 
 def walk(link: str, passes: list[ScanPass], **options: Any) -> tuple[list[DetectedDrive], ScanProgress]:
     """Scan a simulated line in virtual time."""
-    progress = ScanProgress(total_s=sum(one.duration_s for one in passes))
+    progress = ScanProgress(total_s=sum(scan_pass.duration_s for scan_pass in passes))
 
     def open_port(settings: SerialSettings) -> ports.Port:
         return ports.open_port(link, baud=settings.baud, format=settings.format)
@@ -71,13 +71,13 @@ def test_each_family_is_found_with_its_address_and_line_settings(
     link: str, model: str, encoding: str, address: int, settings: str
 ) -> None:
     found, _ = walk(link, plan(addresses=range(1, 6)))
-    sure = next(one for one in found if one.valid_reply)
+    sure = next(drive for drive in found if drive.valid_reply)
     assert (sure.models[0], sure.encoding, sure.address, str(sure.settings)) == (model, encoding, address, settings)
 
 
 def test_a_c320_answers_in_both_of_its_encodings_and_is_listed_once() -> None:
     found, _ = walk("sim://c320@1?name=a&drives=9600-8E1", plan("c320", addresses=(1,), bauds=(9600,)))
-    assert [one.encoding for one in found if one.valid_reply] == ["ascii"]
+    assert [drive.encoding for drive in found if drive.valid_reply] == ["ascii"]
 
 
 @pytest.mark.parametrize("model", ["c320", "c300", "e300", "e350", "e500", "e550"])
@@ -97,7 +97,7 @@ def test_the_likely_settings_and_addresses_come_first_and_take_less_than_three_m
     passes = default_plan()
     likely_s, total_s = scan_plan.durations_s(passes)
     assert likely_s < LIKELY_LIMIT_S < total_s
-    first = [one for one in passes if one.is_likely]
+    first = [scan_pass for scan_pass in passes if scan_pass.is_likely]
     assert passes[: len(first)] == first
     for model in ALL:
         profile = profiles.load(model)
@@ -109,20 +109,24 @@ def test_the_likely_settings_and_addresses_come_first_and_take_less_than_three_m
             for address in range(1, 9)
         }
         searched = {
-            (one.candidates[0].encoding, str(one.settings), address)
-            for one in first
-            for address in one.addresses
-            if profile in [candidate.profile for candidate in one.candidates]
+            (scan_pass.candidates[0].encoding, str(scan_pass.settings), address)
+            for scan_pass in first
+            for address in scan_pass.addresses
+            if profile in [candidate.profile for candidate in scan_pass.candidates]
         }
         assert wanted <= searched, model
-    every = [(one.candidates[0].kind, str(one.settings), address) for one in passes for address in one.addresses]
+    every = [
+        (scan_pass.candidates[0].kind, str(scan_pass.settings), address)
+        for scan_pass in passes
+        for address in scan_pass.addresses
+    ]
     assert len(every) == len(set(every)), "no address is probed twice"
 
 
 @pytest.mark.parametrize("model", ["c320", "dzb100"])
 def test_a_drive_at_a_baud_rate_that_its_manual_does_not_have_is_found_at_the_likely_addresses(model: str) -> None:
     found, progress = walk(f"sim://{model}@8?name=a&drives=38400-8E1", default_plan(addresses=range(1, 9)))
-    assert [(one.models[0], one.address, str(one.settings)) for one in found] == [(model, 8, "38400 8E1")]
+    assert [(drive.models[0], drive.address, str(drive.settings)) for drive in found] == [(model, 8, "38400 8E1")]
     assert progress.done_s < LIKELY_LIMIT_S
     documented = profiles.load(model).serial.bauds
     for part in plan(model):
@@ -132,7 +136,7 @@ def test_a_drive_at_a_baud_rate_that_its_manual_does_not_have_is_found_at_the_li
 
 
 def test_the_settings_of_the_manuals_are_tried_before_the_other_likely_ones() -> None:
-    documented = [one.is_documented for one in default_plan() if one.is_likely]
+    documented = [scan_pass.is_documented for scan_pass in default_plan() if scan_pass.is_likely]
     assert documented == sorted(documented, reverse=True) and not all(documented)
 
 
@@ -146,13 +150,13 @@ def test_the_readme_announces_the_duration_of_a_scan() -> None:
 def test_a_vc660_is_not_taken_for_the_df800_whose_registers_it_has_too() -> None:
     passes = plan("df800", "vc660", addresses=(1,), encodings=("rtu",), bauds=(9600,), formats=("8N1",))
     found, _ = walk("sim://vc660@1?name=a&drives=9600-8N1", passes)
-    assert [one.models for one in found] == [("vc660",)]
+    assert [drive.models for drive in found] == [("vc660",)]
 
 
 def test_a_df800_that_rejects_the_status_register_of_others_is_still_found() -> None:
     passes = plan("vc660", "df800", addresses=(1,), encodings=("rtu",), bauds=(9600,), formats=("8N1",))
     found, _ = walk("sim://df800@1?name=a&drives=9600-8N1", passes)
-    assert [one.models for one in found] == [("df800",)]
+    assert [drive.models for drive in found] == [("df800",)]
 
 
 def test_an_empty_line_takes_as_long_as_planned() -> None:
@@ -165,7 +169,7 @@ def test_an_empty_line_takes_as_long_as_planned() -> None:
         await scan.scan(passes, lambda s: ports.open_port(port, baud=s.baud, format=s.format), progress)
         return asyncio.get_running_loop().time() - begun
 
-    assert virtual_time.run(timed()) == pytest.approx(sum(one.duration_s for one in passes), rel=0.1)
+    assert virtual_time.run(timed()) == pytest.approx(sum(scan_pass.duration_s for scan_pass in passes), rel=0.1)
 
 
 def test_after_a_reply_no_other_serial_settings_are_tried() -> None:
@@ -173,16 +177,19 @@ def test_after_a_reply_no_other_serial_settings_are_tried() -> None:
     found, progress = walk(
         "sim://vc660@1?name=a&drives=9600-8N1", plan("vc660", addresses=range(1, 4), bauds=(9600, 19200))
     )
-    assert {str(one.settings) for one in found} == {"9600 8N1"}
+    assert {str(drive.settings) for drive in found} == {"9600 8N1"}
     assert progress.left_s == pytest.approx(0.0, abs=1e-6)
 
 
 def test_factory_settings_are_tried_first() -> None:
     passes = plan("c320", "vc660")
     for likely in (True, False):
-        factory = [one.has_factory_settings for one in passes if one.is_likely is likely]
+        factory = [scan_pass.has_factory_settings for scan_pass in passes if scan_pass.is_likely is likely]
         assert factory == sorted(factory, reverse=True)
-    assert {str(one.settings) for one in passes if one.has_factory_settings} == {"9600 8E1", "9600 8N1"}
+    assert {str(scan_pass.settings) for scan_pass in passes if scan_pass.has_factory_settings} == {
+        "9600 8E1",
+        "9600 8N1",
+    }
 
 
 def test_the_broadcast_address_is_never_probed() -> None:
@@ -227,7 +234,7 @@ def test_a_scan_has_no_effect_on_running_motors_and_drives() -> None:
 def test_what_was_found_stays_when_the_scan_is_cancelled() -> None:
     link = "sim://c320@1?name=a&drives=9600-8E1"
     passes = plan("c320", encodings=("ascii",), bauds=(9600,), formats=("8E1",))
-    progress = ScanProgress(total_s=sum(one.duration_s for one in passes))
+    progress = ScanProgress(total_s=sum(scan_pass.duration_s for scan_pass in passes))
 
     async def aborted() -> None:
         opener = lambda s: ports.open_port(link, baud=s.baud, format=s.format)  # noqa: E731
@@ -238,7 +245,7 @@ def test_what_was_found_stays_when_the_scan_is_cancelled() -> None:
             await task
 
     virtual_time.run(aborted())
-    assert [one.address for one in progress.found] == [1]
+    assert [drive.address for drive in progress.found] == [1]
     assert progress.left_s > 0
 
 
@@ -304,9 +311,9 @@ def test_an_address_that_answers_is_asked_once_for_each_map_in_50_ms() -> None:
     """Models with the same request are probed once."""
     link = "sim://vc660@1?drives=9600-8N1&baud=9600&format=8N1&name=maps"
     loaded = [profiles.load(name) for name in profiles.models()]
-    rtu = [one for one in loaded if one.family == "modbus" and "rtu" in one.encodings]
-    maps = {str(scan_plan.probe_request(create_dialect(one, 1, encoding="rtu"))) for one in rtu}
-    seconds = scan_9600(tuple(one.model for one in rtu), link, [1], encodings=["rtu"])[1]
+    rtu = [profile for profile in loaded if profile.family == "modbus" and "rtu" in profile.encodings]
+    maps = {str(scan_plan.probe_request(create_dialect(profile, 1, encoding="rtu"))) for profile in rtu}
+    seconds = scan_9600(tuple(profile.model for profile in rtu), link, [1], encodings=["rtu"])[1]
     assert len(maps) < len(rtu) / 4 and seconds <= 0.05 * len(maps)
 
 
@@ -381,8 +388,8 @@ def test_a_scan_without_options_names_each_model_at_its_factory_setting(
     """The default knew two Modbus models and named 27 others as one of them."""
     line = profiles.load(model).serial
     found, _ = walk(f"sim://{model}@2?name=own&drives={line.baud}-{line.format}", passes_at_2)
-    named = [one for one in found if one.models]
-    assert [model in one.models for one in named] == [True]
+    named = [drive for drive in found if drive.models]
+    assert [model in drive.models for drive in named] == [True]
     assert named[0].doubtful or named[0].models == (model,)
 
 
@@ -390,23 +397,23 @@ def test_a_scan_without_options_keeps_to_the_settings_of_common_models_and_facto
     """Every setting of every model took 80 minutes instead of 40."""
     likely_s, total_s = scan_plan.durations_s(default_plan())
     assert likely_s <= 95 and total_s < 50 * 60
-    settings = {(one.candidates[0].encoding, str(one.settings)) for one in default_plan()}
+    settings = {(scan_pass.candidates[0].encoding, str(scan_pass.settings)) for scan_pass in default_plan()}
     assert ("rtu", "115200 8N1") in settings and ("rtu", "57600 8N1") not in settings
     assert ("ascii", "9600 7N2") in settings and ("ascii", "19200 7N2") not in settings
-    named = {str(one.settings) for one in default_plan(models=("acs550",))}
+    named = {str(scan_pass.settings) for scan_pass in default_plan(models=("acs550",))}
     assert "57600 8N1" in named
 
 
 def test_common_models_are_asked_for_first() -> None:
-    first = {one.candidates[0].kind: one.candidates[0].profile.model for one in default_plan()}
+    first = {scan_pass.candidates[0].kind: scan_pass.candidates[0].profile.model for scan_pass in default_plan()}
     assert first[("modbus", "rtu")] == "vc660" and first[("modbus", "ascii")] == "df800"
     assert first[("sunfar", "ascii")] == "c320"
 
 
 def test_binary_frames_are_not_sent_with_7_data_bits() -> None:
     passes = plan("ms300")
-    assert {one.candidates[0].encoding for one in passes if one.settings.data_bits == 7} == {"ascii"}
-    assert {one.candidates[0].encoding for one in passes} == {"ascii", "rtu"}
+    assert {scan_pass.candidates[0].encoding for scan_pass in passes if scan_pass.settings.data_bits == 7} == {"ascii"}
+    assert {scan_pass.candidates[0].encoding for scan_pass in passes} == {"ascii", "rtu"}
 
 
 def test_a_probe_waits_for_the_slowest_model_searched_for() -> None:
@@ -437,7 +444,7 @@ def scan_device(reply: Any, after_s: float = 0.01, **options: Any) -> tuple[list
 
 def modbus_plan() -> dict[str, Any]:
     common, others = scan_plan.default_models()
-    keep = [[one for one in models if one.family == "modbus"] for models in (common, others)]
+    keep = [[profile for profile in models if profile.family == "modbus"] for models in (common, others)]
     return {"models": (keep[0],), "others": keep[1]}
 
 
@@ -487,14 +494,14 @@ def test_noise_at_most_doubles_the_announced_time_and_adds_five_seconds(
     common, others = scan_plan.default_models()
     port = NoisyPort(burst, period_s)
     passes = scan_plan.plan_scan(common, others=others, addresses=addresses, fixed=port.settings)
-    progress = ScanProgress(total_s=sum(one.duration_s for one in passes))
+    progress = ScanProgress(total_s=sum(scan_pass.duration_s for scan_pass in passes))
 
     async def timed() -> float:
         await scan.scan(passes, lambda line: port, progress)
         return asyncio.get_running_loop().time()
 
     assert 0 < virtual_time.run(timed()) < 2 * scan_plan.durations_s(passes)[1] + scan.NOISE_ALLOWANCE_S + 1.0
-    probes = sum(one.probe_count for one in passes)
+    probes = sum(scan_pass.probe_count for scan_pass in passes)
     assert (progress.unsent == probes) is (len(port.sent) == 0) is (period_s == 0.001)
     print_scan("x", progress, None, ExitCode.FAILED)
     assert ("Requests that were not sent" in capsys.readouterr().err) is (progress.unsent > 0)
