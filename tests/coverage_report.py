@@ -35,11 +35,13 @@ def main() -> int:
         "tool": f"coverage {coverage.__version__}",
         "python": sys.version.split()[0],
     }
-    files = {name: summary(one) for name, one in sorted(found["files"].items()) if one["summary"]["num_statements"]}
+    files = {name: summary(file) for name, file in sorted(found["files"].items()) if file["summary"]["num_statements"]}
     document = head | {"total": summary(found | {"summary": found["totals"]}), "files": files}
     REPORT.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    missing = {name: one for name, one in files.items() if "missing" in one}
-    print(json.dumps(document["total"]), *(f"{name}: {one['missing']}" for name, one in missing.items()), sep="\n")
+    missing = {name: figures for name, figures in files.items() if "missing" in figures}
+    print(
+        json.dumps(document["total"]), *(f"{name}: {figures['missing']}" for name, figures in missing.items()), sep="\n"
+    )
     return int(bool(missing))
 
 

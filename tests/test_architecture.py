@@ -24,7 +24,7 @@ CONTRACTS: list[dict[str, Any]] = tomllib.loads((ROOT / "pyproject.toml").read_t
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_the_page_shows_the_layers_that_the_import_contract_enforces(page: Path) -> None:
     drawn = re.findall(r"```\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL)[0].splitlines()
-    (contract,) = [one for one in CONTRACTS if one["type"] == "layers"]
+    (contract,) = [contract for contract in CONTRACTS if contract["type"] == "layers"]
     assert drawn == [line.replace("drivebus.", "") for line in contract["layers"]]
 
 
@@ -103,7 +103,7 @@ def calls(source: str) -> list[tuple[str, set[str]]]:
     return [
         (
             ast.unparse(node.func),
-            {str(one.arg) for one in node.keywords if ast.unparse(one.value) != "False"},
+            {str(keyword.arg) for keyword in node.keywords if ast.unparse(keyword.value) != "False"},
         )
         for node in ast.walk(ast.parse(source))
         if isinstance(node, ast.Call)

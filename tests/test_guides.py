@@ -86,7 +86,7 @@ def test_every_command_that_a_page_mentions_exists() -> None:
         (page.name, *words) for page in EVERY_PAGE for words in MENTIONED.findall(page.read_text(encoding="utf-8"))
     }
     assert len(found) > 100
-    assert sorted(one for one in found if not is_command(*one[1:])) == []
+    assert sorted(mention for mention in found if not is_command(*mention[1:])) == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)

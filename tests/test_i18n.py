@@ -110,7 +110,7 @@ def half_width_marks(text: str) -> list[str]:
     """Return each half-width mark after a Chinese word, or between codes or links, with its surroundings."""
     prose = re.sub(r"```.*?```|`[^`\n]*`|\]\([^)]*\)", "·", text, flags=re.DOTALL)
     found = re.finditer(r"[一-鿿）”](?:[,;:!?.](?=\s|$)| ?\((?!\d+\)))|·, [\[·]", prose)
-    return [prose[max(0, one.start() - 10) : one.end() + 10] for one in found]
+    return [prose[max(0, mark.start() - 10) : mark.end() + 10] for mark in found]
 
 
 @pytest.mark.parametrize(
@@ -176,7 +176,9 @@ def joined_parameters() -> Iterator[str]:
     """Yield each argument that is a joined list, of a raised error, an issue or a note of a sentence."""
     for file, node in nodes():
         if isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
-            is_sentence = isinstance(node.args[0].value, str) and not any(one.arg is None for one in node.keywords)
+            is_sentence = isinstance(node.args[0].value, str) and not any(
+                keyword.arg is None for keyword in node.keywords
+            )
             arguments = [*node.args[1:], *(keyword.value for keyword in node.keywords)]
             for text in map(ast.unparse, arguments if is_sentence else ()):
                 if re.match(r"', '\.join\(", text):
@@ -337,7 +339,7 @@ def test_the_keypad_settings_and_the_help_of_a_model_have_the_chinese_words_of_t
     """These are no texts of a manual: six of them had the word of circuit breakers for a trip of a drive."""
     used = []
     for profile in map(profiles.load, profiles.models()):
-        texts = [*profile.keypad, *(one.help for one in profile.parameters.values() if one.help)]
+        texts = [*profile.keypad, *(parameter.help for parameter in profile.parameters.values() if parameter.help)]
         used += [(profile.model, old) for old in RETIRED_BESIDE_MANUALS for text in texts if old in text.zh]
     assert used == []
 
@@ -447,7 +449,7 @@ def lists_joined_by_hand(source: str) -> list[str]:
     calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
     sentences = [call for call in calls if ast.unparse(call.func).rpartition(".")[2] in SENTENCES]
     found = [ast.unparse(keyword) for call in sentences for keyword in call.keywords]
-    return [one for one in found if "', '.join(" in one]
+    return [keyword for keyword in found if "', '.join(" in keyword]
 
 
 def test_a_list_in_a_sentence_has_the_mark_of_its_language() -> None:
@@ -462,8 +464,10 @@ def test_a_list_in_a_sentence_has_the_mark_of_its_language() -> None:
 def log_lines_of_one_language(source: str) -> list[str]:
     """Return the words of log calls that are written in the source."""
     calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call) and node.args]
-    logs = [one for one in calls if re.fullmatch(r"(LOG|_log)\.(info|warning|error|exception)", ast.unparse(one.func))]
-    texts = [ast.unparse(one.args[0]) for one in logs if isinstance(one.args[0], ast.Constant | ast.JoinedStr)]
+    logs = [
+        call for call in calls if re.fullmatch(r"(LOG|_log)\.(info|warning|error|exception)", ast.unparse(call.func))
+    ]
+    texts = [ast.unparse(log.args[0]) for log in logs if isinstance(log.args[0], ast.Constant | ast.JoinedStr)]
     return [text for text in texts if re.search("[a-z]{2,}", text)]
 
 

@@ -139,11 +139,11 @@ def english_reasons(source: str) -> Iterator[str]:
             yield "getattr strerror"
         elif isinstance(node, ast.ExceptHandler) and node.name and may_be_system_error(node):
             words = (f"str({node.name})", f"{{{node.name}}}")
-            inner = [ast.unparse(one) for one in ast.walk(node) if isinstance(one, ast.Call | ast.FormattedValue)]
-            yield from (one for one in inner if one in words)
+            inner = [ast.unparse(part) for part in ast.walk(node) if isinstance(part, ast.Call | ast.FormattedValue)]
+            yield from (expression for expression in inner if expression in words)
         elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("Lost", "Unavailable", "Error")):
-            texts = [one.value for one in node.keywords if one.arg in ("reason", "problem")]
-            yield from (ast.unparse(one) for one in texts if isinstance(one, ast.Constant | ast.JoinedStr))
+            texts = [keyword.value for keyword in node.keywords if keyword.arg in ("reason", "problem")]
+            yield from (ast.unparse(text) for text in texts if isinstance(text, ast.Constant | ast.JoinedStr))
 
 
 @pytest.mark.parametrize(
