@@ -223,7 +223,11 @@ def test_a_write_that_fails_after_its_first_parameter_leaves_an_event_with_what_
             assert text.startswith("parameters written before the command ended: F0.1 = 2, read back; then: ")
 
     profile = profiles.load("c320")
-    second = next(one.notation for one in profile.parameters.values() if one.writable and one.notation.startswith("F1"))
+    second = next(
+        parameter.notation
+        for parameter in profile.parameters.values()
+        if parameter.writable and parameter.notation.startswith("F1")
+    )
     run(scenario())
 
 
@@ -290,7 +294,7 @@ def test_the_identity_of_a_c320_is_read_and_a_model_without_one_is_refused() -> 
             assert set(found["digits"]) == {"model", "series", "version", "control"}
             assert found["host_controls"] in (True, False) and found["host_sets_frequency"] is True
             other = next(
-                one.id for one in kit.service.plant.drives.values() if "identify" not in one.profile.capabilities
+                drive.id for drive in kit.service.plant.drives.values() if "identify" not in drive.profile.capabilities
             )
             with pytest.raises(CapabilityError):
                 await kit.call("identity.read", drive=other)

@@ -62,7 +62,7 @@ def test_an_acknowledgement_of_a_repeated_alarm_acknowledges_each_occurrence_als
     asyncio.run(acknowledge())
     log = AlarmLog(path)
     assert [alarm.id for alarm in log.load()] == ["a3"], "it is not cleared yet"
-    found = [(one["id"], one["count"], one["acknowledged_by"]) for one in log.history(**ALL_TIME)["items"]]
+    found = [(alarm["id"], alarm["count"], alarm["acknowledged_by"]) for alarm in log.history(**ALL_TIME)["items"]]
     assert found == [("a3", 3, "li"), ("a2", 2, "li"), ("a1", 1, "li")]
 
 
@@ -77,7 +77,7 @@ def test_the_acknowledgement_of_one_fault_acknowledges_no_other_between(tmp_path
         return log
 
     found = asyncio.run(go()).history(**ALL_TIME)["items"]
-    assert [(one["id"], one["acknowledged_by"]) for one in found] == [("a3", "li"), ("a2", None), ("a1", "li")]
+    assert [(alarm["id"], alarm["acknowledged_by"]) for alarm in found] == [("a3", "li"), ("a2", None), ("a1", "li")]
 
 
 def test_the_alarms_of_a_version_without_counts_stay_entries_of_their_own(tmp_path: Path) -> None:
@@ -109,7 +109,7 @@ def test_an_acknowledgement_is_written_once_however_often_the_alarm_was_raised(t
         return log
 
     log = asyncio.run(go())
-    assert {one["acknowledged_by"] for one in log.history(**ALL_TIME)["items"]} == {"li"}
+    assert {alarm["acknowledged_by"] for alarm in log.history(**ALL_TIME)["items"]} == {"li"}
 
 
 @pytest.mark.parametrize("content", [b"\x80\x9f\xff\n", b"[]\n", b'{"id": 7}\n', b"[" * 100_000 + b"\n"])

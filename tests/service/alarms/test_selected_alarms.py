@@ -41,12 +41,12 @@ def test_a_group_is_shelved_with_one_author_reason_and_end_and_unshelved_as_a_gr
     async def scenario(kit: ServiceKit, ids: list[str]) -> None:
         found = await kit.call("alarms.shelve", ANN, alarms=ids, minutes=60, reason=REASON)
         assert found == {"outcomes": {id: {"status": "done"} for id in ids}}
-        (shelving,) = {(one.shelved_by, one.shelved_reason, one.shelved_until_ms) for one in active(kit)}
+        (shelving,) = {(alarm.shelved_by, alarm.shelved_reason, alarm.shelved_until_ms) for alarm in active(kit)}
         assert shelving[:2] == ("ann", REASON) and shelving[2] is not None
         shelved = [event for event in kit.history.events if event["outcome"] == "shelved"]
         assert [event["actor"] for event in shelved] == ["ann"] * 3, "the event names who shelved"
         again = await kit.call("alarms.unshelve", ANN, alarms=ids)
-        assert again == found and {one.shelved_until_ms for one in active(kit)} == {None}
+        assert again == found and {alarm.shelved_until_ms for alarm in active(kit)} == {None}
         assert (await kit.call("alarms.unshelve", ANN, alarms=ids[:1]))["outcomes"] == {ids[0]: {"status": "unchanged"}}
 
     scenario_with_alarms(scenario)
@@ -55,7 +55,7 @@ def test_a_group_is_shelved_with_one_author_reason_and_end_and_unshelved_as_a_gr
 def test_one_audit_record_names_every_alarm_and_drive_of_the_selection() -> None:
     async def scenario(kit: ServiceKit, ids: list[str]) -> None:
         await kit.call("alarms.acknowledge", ANN, alarms=ids)
-        requested, done = (one for one in kit.trail.entries if one.what == "alarms.acknowledge")
+        requested, done = (entry for entry in kit.trail.entries if entry.what == "alarms.acknowledge")
         assert (requested.outcome, done.outcome) == ("requested", "done")
         assert done.params["alarms"] == ids and sorted(done.params["drives"]) == ["fan-1", "fan-2"]
         assert done.params["alarm_title"]["en"] == active(kit)[0].title.en
@@ -89,7 +89,9 @@ def test_an_alarm_that_another_user_has_finished_is_an_error_of_its_own() -> Non
         found = (await kit.call("alarms.acknowledge", ANN, alarms=[*ids, "a999", ids[1]]))["outcomes"]
         assert found.pop("a999")["code"] == "alarms.unknown"
         assert found == {id: {"status": "done" if id != ids[0] else "unchanged"} for id in ids}
-        assert {one.id: one.acknowledged_by for one in active(kit)}[ids[0]] == "tester", "the first user stays named"
+        assert {alarm.id: alarm.acknowledged_by for alarm in active(kit)}[ids[0]] == "tester", (
+            "the first user stays named"
+        )
 
     scenario_with_alarms(scenario)
 
@@ -117,7 +119,7 @@ def test_hundreds_of_alarms_are_changed_in_turns_with_the_buses() -> None:
                 await asyncio.sleep(0)
 
         counting = asyncio.create_task(count_turns())
-        await kit.call("alarms.shelve", ANN, alarms=[one.id for one in active(kit)], minutes=5, reason=REASON)
+        await kit.call("alarms.shelve", ANN, alarms=[alarm.id for alarm in active(kit)], minutes=5, reason=REASON)
         counting.cancel()
         assert turns >= 103 // 8, "a stop would wait until all alarms are changed"
 

@@ -40,7 +40,10 @@ class FailingService(CountingService):
 
 def recorded_denials(plant: CountingService) -> list[tuple[str, str, int, str]]:
     """Return target, actor, count and reason of each record."""
-    return [(one["target"], one["params"]["who"], one["params"]["times"], one["outcome"]) for one, _ in plant.records]
+    return [
+        (entry["target"], entry["params"]["who"], entry["params"]["times"], entry["outcome"])
+        for entry, _ in plant.records
+    ]
 
 
 def audit_aggregator(plant: CountingService) -> AuditAggregator:
@@ -94,7 +97,7 @@ def test_the_first_denial_of_a_kind_is_recorded_at_once_and_the_others_as_a_coun
         await asyncio.sleep(0.2)
         assert recorded_denials(plant) == [*once, ("POST /stop", "eve@10.0.0.9", 2, "auth.csrf")]
         assert [who for _, who in plant.records] == [EVE] * 4 + [ANONYMOUS] * 2
-        assert {one["what"] for one, _ in plant.records} == {"refused"}
+        assert {entry["what"] for entry, _ in plant.records} == {"refused"}
         await asyncio.sleep(10 * SUMMARY_PERIOD_S)
         assert len(plant.records) == 6, "nothing is recorded twice"
 

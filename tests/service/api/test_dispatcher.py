@@ -114,9 +114,9 @@ def test_a_flood_of_denied_operations_leaves_one_record_and_a_count() -> None:
         for number in range(500):
             with pytest.raises(PermissionDenied):
                 await dispatcher.call("lease.renew", {"drive": f"fan-{number}"}, NO_RIGHTS)
-        assert [(one.what, one.target) for one in kit.trail.entries] == [("lease.renew", "fan-0")]
+        assert [(entry.what, entry.target) for entry in kit.trail.entries] == [("lease.renew", "fan-0")]
         await asyncio.sleep(SUMMARY_PERIOD_S + 1)
-        assert [one.what for one in kit.trail.entries] == ["lease.renew", "refused"]
+        assert [entry.what for entry in kit.trail.entries] == ["lease.renew", "refused"]
         assert kit.trail.entries[-1].params == {"who": "eve@10.0.0.9", "times": 499}
 
     with_dispatcher(scenario)
@@ -181,8 +181,10 @@ def test_a_flood_of_commands_that_send_nothing_is_recorded_one_by_one_up_to_a_bu
         assert await dispatcher.call("drive.stop", FAN, remote_actor("eve")) == {}, "a stop is sent"
         flooding.cancel()
         await asyncio.sleep(SUMMARY_PERIOD_S + 1)
-        counts = [one.params["times"] for one in kit.trail.entries if one.what == "refused"]
-        singly = [one for one in kit.trail.entries if one.outcome == "plant.too_many_commands" and one.what == name]
+        counts = [entry.params["times"] for entry in kit.trail.entries if entry.what == "refused"]
+        singly = [
+            entry for entry in kit.trail.entries if entry.outcome == "plant.too_many_commands" and entry.what == name
+        ]
         assert sum(counts) + len(singly) == answers["too many"], "none of them is lost"
         assert answers["too many"] > 3_000
 
@@ -211,7 +213,7 @@ def test_a_command_that_reduces_a_hazard_is_counted_and_not_refused_beyond_the_b
         for _ in range(4):
             assert await dispatcher.call(name, params, ann) == {"done": True}
         await asyncio.sleep(SUMMARY_PERIOD_S + 1)
-        recorded = [(one.outcome, one.params.get("times")) for one in kit.trail.entries if one.what == name]
+        recorded = [(entry.outcome, entry.params.get("times")) for entry in kit.trail.entries if entry.what == name]
         assert recorded == [("requested", None), ("counted", 3)]
 
     answers = {name.replace(".", "_", 1): {"done": True}}
@@ -252,12 +254,12 @@ def test_a_flood_of_stops_is_sent_at_once_and_recorded_as_a_count_beyond_a_budge
         assert 0.7 < await octets_per_second(kit) / RECORD_OCTETS_PER_S < 1.05
         flooding.cancel()
         await asyncio.sleep(SUMMARY_PERIOD_S + 1)
-        counted = [one for one in kit.trail.entries if one.outcome == "counted"]
-        assert {(one.what, one.target, one.params["who"]) for one in counted} == {
+        counted = [entry for entry in kit.trail.entries if entry.outcome == "counted"]
+        assert {(entry.what, entry.target, entry.params["who"]) for entry in counted} == {
             ("drive.stop", "fan-1", "eve@127.0.0.1")
         }
         singly = kit.trail.outcomes("drive.stop").count("requested")
-        assert sum(one.params["times"] for one in counted) + singly == sent, "none of them is lost"
+        assert sum(entry.params["times"] for entry in counted) + singly == sent, "none of them is lost"
 
     with_dispatcher(scenario, drive_stop={"outcome": {"status": "confirmed", "frames": [{"sent": "01"}]}})
 
@@ -294,8 +296,11 @@ def test_stops_beyond_the_budget_are_on_the_bus_at_once_and_stop_the_motor() -> 
             for _ in range(5):
                 assert (await kit.call("drive.stop", eve, drive="fan-1"))["outcome"]["frames"], "each is sent"
             await asyncio.sleep(SUMMARY_PERIOD_S + 1)
-            stops = [one for one in kit.trail.entries if (one.what, one.target) == ("drive.stop", "fan-1")]
-            assert [(one.outcome, one.params.get("times")) for one in stops] == [("requested", None), ("counted", 5)]
+            stops = [entry for entry in kit.trail.entries if (entry.what, entry.target) == ("drive.stop", "fan-1")]
+            assert [(entry.outcome, entry.params.get("times")) for entry in stops] == [
+                ("requested", None),
+                ("counted", 5),
+            ]
 
     run(scenario())
 
@@ -319,10 +324,10 @@ def test_the_author_of_counted_stops_is_recorded_however_many_kinds_were_counted
         for _ in range(5):
             await dispatcher.call("drive.stop", FAN, eve)
         await asyncio.sleep(SUMMARY_PERIOD_S + 1)
-        stops = [one for one in kit.trail.entries if one.what == "drive.stop" and one.outcome == "counted"]
-        assert sum(one.params["times"] for one in stops if one.params["who"].startswith("eve")) >= 4
-        assert {one.target for one in stops} <= {"fan-1", "*"}
-        unknown = [one.outcome for one in kit.trail.entries if one.target.startswith("no-")]
+        stops = [entry for entry in kit.trail.entries if entry.what == "drive.stop" and entry.outcome == "counted"]
+        assert sum(entry.params["times"] for entry in stops if entry.params["who"].startswith("eve")) >= 4
+        assert {entry.target for entry in stops} <= {"fan-1", "*"}
+        unknown = [entry.outcome for entry in kit.trail.entries if entry.target.startswith("no-")]
         assert unknown == (["plant.no_drive"] if hidden_by == "invented drives" else [])
 
     with_dispatcher(scenario, drive_stop={"outcome": {"status": "confirmed", "frames": [{"sent": "01"}]}})
@@ -477,7 +482,7 @@ def test_what_has_happened_is_recorded_later_where_the_trail_fails_and_only_a_re
         with pytest.raises(AuditUnavailable):
             await kit.service.end_control("rights", ann)
         entries = kit.trail.entries
-        assert [(one.what, one.outcome) for one in entries] == [
+        assert [(entry.what, entry.outcome) for entry in entries] == [
             ("audit.refused", None),
             ("logout", "done"),
             (SESSION_ENDED, "done"),

@@ -20,8 +20,8 @@ def test_every_model_is_listed_with_its_texts_in_both_languages() -> None:
     async def scenario() -> None:
         async with running_service() as kit:
             found = (await kit.call("models.list"))["models"]
-            assert [one["model"] for one in found] == profiles.models()
-            vc660 = next(one for one in found if one["model"] == "vc660")
+            assert [profile["model"] for profile in found] == profiles.models()
+            vc660 = next(profile for profile in found if profile["model"] == "vc660")
             assert (vc660["maker"]["zh"], vc660["serial"]["baud"]) == (profiles.load("vc660").maker.zh, 9600)
 
     run(scenario())

@@ -42,8 +42,10 @@ def test_a_cookie_of_another_user_or_with_one_other_character_is_no_device(tmp_p
     device, _, mac = cookie.partition(".")
     changed = ["A" + device[1:] if device[0] != "A" else "B" + device[1:], device[:-1], device + "A", "é" + device[1:]]
     others = [mac[:-1] + ("0" if mac[-1] != "0" else "1"), mac.upper(), mac[:-1], mac + "0", "é" * 64, ""]
-    forged = [f"{one}.{mac}" for one in changed] + [f"{device}.{one}" for one in others]
-    assert [devices.device("operator", one) for one in (*forged, device, "", ".", cookie + "\n")] == [""] * 14
+    forged = [f"{changed_device}.{mac}" for changed_device in changed] + [
+        f"{device}.{other_mac}" for other_mac in others
+    ]
+    assert [devices.device("operator", value) for value in (*forged, device, "", ".", cookie + "\n")] == [""] * 14
     assert devices.device("engineer", cookie) == ""
 
 

@@ -320,7 +320,7 @@ def test_a_user_has_a_limited_number_of_tokens_and_expired_ones_make_room() -> N
     assert rejected.value.key == "auth.too_many_tokens"
     assert len(database.with_token(token(1, "wu")).tokens) == 101
     later = database.with_token(token(1, "wu")).with_token(token(100, created_ms=1049))
-    assert [one.id for one in later.tokens] == [*(f"li-{n}" for n in range(50, 100)), "wu-1", "li-100"]
+    assert [kept.id for kept in later.tokens] == [*(f"li-{n}" for n in range(50, 100)), "wu-1", "li-100"]
 
 
 def test_a_removed_user_loses_tokens_and_codes() -> None:
@@ -496,7 +496,8 @@ def test_users_that_another_program_replaces_are_logged(tmp_path: Path, caplog: 
     UserFile(file.path).change(lambda _: UserDatabase((*new, carl)))
     assert len(file.read().users) == 12
     assert caplog.messages == [
-        f"{file.path} was changed by another program; users added: 11 ({', '.join(one.name for one in new[:10])}, …); "
+        f"{file.path} was changed by another program; "
+        f"users added: 11 ({', '.join(user.name for user in new[:10])}, …); "
         "users removed: 1 (ann); users changed: 1 (carl); tokens removed: 1 (t1)"
     ]
     file.change(lambda database: database.without_user("u00"))

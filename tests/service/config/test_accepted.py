@@ -36,7 +36,7 @@ model = "df800"
 def kinds(text: str) -> list[str]:
     with pytest.raises(ConfigurationError) as caught:
         config.loads(text)
-    return [one.kind for one in caught.value.params["diagnostics"]]
+    return [diagnostic.kind for diagnostic in caught.value.params["diagnostics"]]
 
 
 def plant(more: str = "", **edits: str) -> PlantConfig:
@@ -270,7 +270,7 @@ def test_a_lower_limit_below_the_models_own_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError) as caught:
         config.loads(text.replace("{ minimum_hz = 10.0", "{ minimum_hz = 9.9"), base=tmp_path)
     found = caught.value.params["diagnostics"]
-    assert [(one.kind, one.expected.en) for one in found] == [("limit_wide", ">= 10 for vc660")]
+    assert [(diagnostic.kind, diagnostic.expected.en) for diagnostic in found] == [("limit_wide", ">= 10 for vc660")]
 
 
 @pytest.mark.parametrize(
@@ -303,7 +303,7 @@ def test_a_signal_that_its_model_reads_seldom_may_be_read_as_seldom() -> None:
     model = next(
         name for name in profiles.models() if any(s.period_s > 60 for s in profiles.load(name).signals.values())
     )
-    slow = next(one for one in profiles.load(model).signals.values() if one.period_s > 60)
+    slow = next(signal for signal in profiles.load(model).signals.values() if signal.period_s > 60)
     text = HEAD + f'[bus.d]\nport = "tcp://127.0.0.1:4"\n[drive.slow]\nbus = "d"\naddress = 1\nmodel = "{model}"\n'
     least = f"signals.{slow.name} = {slow.period_s}\n"
     assert config.loads(text + least).warnings == ()

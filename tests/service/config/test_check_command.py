@@ -120,10 +120,10 @@ def test_the_json_output_has_each_requirement_with_the_figures_that_violate_it(p
     result = check(plant, "--json", "--assert", "load<=30%")
     found = json.loads(result.stdout)
     assert (result.exit_code, found["exit"], found["valid"]) == (1, 1, True)
-    assert [(one["bus"], one["serial"]) for one in found["buses"]] == [("a", "9600 8E1"), ("b", "4800 8E1")]
+    assert [(bus["bus"], bus["serial"]) for bus in found["buses"]] == [("a", "9600 8E1"), ("b", "4800 8E1")]
     requirement = found["requirements"][0]
     assert (requirement["requirement"], requirement["met"]) == ("load<=30%", False)
-    assert [(one["name"], one["found"]) for one in requirement["violations"]] == [
+    assert [(violation["name"], violation["found"]) for violation in requirement["violations"]] == [
         ("b", pytest.approx(found["buses"][1]["load_percent"], abs=0.001))
     ]
 
@@ -150,7 +150,7 @@ def test_the_stop_bound_is_the_longest_request_its_timeout_the_gap_and_the_stop(
     """A C320 at 9600 8E1: 18 characters of request, 18 of reply."""
     bus = bus_loads(config.loads(PLANT))[0]
     assert bus.stop_bound_s == bus.drives[0].stop_bound_s == pytest.approx(0.0933, abs=1e-3)
-    assert bus.load_percent == pytest.approx(sum(one.load_percent for one in bus.drives))
+    assert bus.load_percent == pytest.approx(sum(drive.load_percent for drive in bus.drives))
 
 
 def test_a_bus_without_configured_periods_is_never_overloaded() -> None:
@@ -159,7 +159,7 @@ def test_a_bus_without_configured_periods_is_never_overloaded() -> None:
     text = f'format = 1\n[plant]\nid = "p"\n[bus.a]\nport = "tcp://127.0.0.1:1"\n{drives}'
     bus = bus_loads(config.loads(text))[0]
     assert 50 < bus.load_percent <= 100
-    assert {one.min_poll_interval_s for one in bus.drives} == {10.0}
+    assert {drive.min_poll_interval_s for drive in bus.drives} == {10.0}
     assert bus.drives[0].periods["output_frequency"] == 10.0
     assert bus.drives[0].periods["last_fault_temperature"] == 60.0
     assert bus.drives[0].refresh["output_frequency"] == pytest.approx(10.0 + bus.cycle_s)
@@ -167,5 +167,5 @@ def test_a_bus_without_configured_periods_is_never_overloaded() -> None:
 
 def test_what_a_file_asks_for_is_never_slowed_down_behind_its_back() -> None:
     paced = PLANT.replace('model = "dzb100"', 'model = "dzb100"\nmin_poll_interval_s = 2.0')
-    drives = {one.drive: one.min_poll_interval_s for bus in bus_loads(config.loads(paced)) for one in bus.drives}
+    drives = {drive.drive: drive.min_poll_interval_s for bus in bus_loads(config.loads(paced)) for drive in bus.drives}
     assert drives == {"fan": 0.0, "conveyor": 2.0}

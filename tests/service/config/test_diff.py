@@ -95,7 +95,8 @@ def test_applying_the_difference_turns_one_plant_into_the_other(old: PlantConfig
     assert bool(change) is (
         same != replace(old, drives=(), buses=(), groups=(), interlocks=(), alarms=(), gateways=())
         or any(
-            {one.id: one for one in getattr(old, part)} != {one.id: one for one in getattr(new, part)}
+            {element.id: element for element in getattr(old, part)}
+            != {element.id: element for element in getattr(new, part)}
             for part in ("buses", "drives", "groups", "interlocks", "alarms", "gateways")
         )
     )
@@ -121,10 +122,10 @@ def test_an_unchanged_drive_is_the_same_on_the_same_bus(old: PlantConfig, new: P
     buses = {bus.id: bus for bus in old.buses}
     for id in unchanged(change):
         assert old.drive(id) == new.drive(id)
-        bus = next((one for one in new.buses if one.id == new.drive(id).bus), None)
+        bus = next((bus for bus in new.buses if bus.id == new.drive(id).bus), None)
         if bus is not None and bus.id in buses:
             assert bus.port == buses[bus.id].port
-    assert set(change.actions) == {one.id for one in old.drives} & {one.id for one in new.drives}
+    assert set(change.actions) == {drive.id for drive in old.drives} & {drive.id for drive in new.drives}
 
 
 TEXT = """

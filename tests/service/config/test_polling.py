@@ -53,7 +53,9 @@ def test_the_estimated_polls_are_those_that_are_sent(model: str, more: str) -> N
         async with Bus(open_port(f"sim://{model}@1")) as bus:
             _, polls = watched(bus, setting)
             wanted = config.polls_of(setting, config.dialect_of(setting))
-            assert [(one.request, one.period_s) for one in polls] == [(one.request, one.period_s) for one in wanted]
+            assert [(poll.request, poll.period_s) for poll in polls] == [
+                (poll.request, poll.period_s) for poll in wanted
+            ]
             assert len(polls) >= 1
 
     virtual_time.run(tale())
@@ -90,7 +92,7 @@ def test_a_bus_keeps_the_estimated_refresh(model: str, count: int) -> None:
     bus = config.bus_loads(plant_config)[0]
     promised_s, period_s = min(bus.drives[0].refresh.values()), min(bus.drives[0].periods.values())
     gaps = virtual_time.run(longest_gaps(plant_config, 40 * period_s))
-    assert gaps.keys() == {one.id for one in plant_config.drives}
+    assert gaps.keys() == {drive.id for drive in plant_config.drives}
     assert period_s <= max(gaps.values()) <= promised_s
 
 
@@ -99,7 +101,7 @@ def test_drives_with_periods_of_their_own_are_paced_too() -> None:
     paced = plant("vc660", 30, "signals = { output_current = 10.0 }")
     bus = config.bus_loads(paced)[0]
     assert bus.load_percent <= 100
-    assert {one.periods["output_current"] for one in bus.drives} == {10.0}
+    assert {drive.periods["output_current"] for drive in bus.drives} == {10.0}
     polls = config.polls_of(paced.drives[0], config.dialect_of(paced.drives[0]))
     assert max(poll.period_s for poll in polls) == 10.0
     assert min(poll.period_s for poll in polls) == paced.drives[0].min_poll_interval_s > 1.0
@@ -113,7 +115,7 @@ def test_the_chosen_interval_never_lengthens_a_configured_period() -> None:
     ) + "".join(f'[drive.d{n}]\nbus = "a"\naddress = {n}\nmodel = "vc660"\n' for n in range(2, 31))
     fast, *others = config.loads(text).drives
     assert fast.min_poll_interval_s == 1.0
-    assert min(one.min_poll_interval_s for one in others) > 10.0
+    assert min(drive.min_poll_interval_s for drive in others) > 10.0
 
 
 def overload_of(model: str, count: int, more: str, line: str = "") -> str:

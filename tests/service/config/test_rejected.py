@@ -51,7 +51,7 @@ def test_every_fault_of_a_file_is_reported_at_once() -> None:
     """Wrong types and missing keys hide no other fault, and what depends on them is not reported as unknown."""
     found = refusal(REJECTED / "many-faults.toml").params
     assert found["count"] == 8
-    assert [one.line for one in found["diagnostics"]] == [6, 9, 12, 14, 16, 17, 19, 19]
+    assert [diagnostic.line for diagnostic in found["diagnostics"]] == [6, 9, 12, 14, 16, 17, 19, 19]
 
 
 def test_ratios_without_a_leader_are_listed_with_the_mark_of_the_language() -> None:
@@ -63,11 +63,13 @@ def test_ratios_without_a_leader_are_listed_with_the_mark_of_the_language() -> N
 
 
 def test_two_protocol_families_on_one_bus_are_rejected() -> None:
-    assert [one.kind for one in refusal(REJECTED / "mixed-families.toml").params["diagnostics"]] == ["mixed"]
+    assert [diagnostic.kind for diagnostic in refusal(REJECTED / "mixed-families.toml").params["diagnostics"]] == [
+        "mixed"
+    ]
 
 
 def test_the_web_gateway_on_every_address_needs_a_certificate() -> None:
-    kinds = [one.kind for one in refusal(REJECTED / "web-without-certificate.toml").params["diagnostics"]]
+    kinds = [diagnostic.kind for diagnostic in refusal(REJECTED / "web-without-certificate.toml").params["diagnostics"]]
     assert kinds == ["tls"]
     for host in ("127.0.0.1", "127.0.0.9", "::1", "localhost"):
         text = (REJECTED / "web-without-certificate.toml").read_text().replace("0.0.0.0", host)
@@ -80,7 +82,7 @@ def test_no_issue_carries_a_control_character_into_a_log() -> None:
     text = (REJECTED / "unknown-bus.toml").read_text().replace("sim://c320@1-3", "x\\u001b[31m\\u202e")
     with pytest.raises(ConfigurationError) as caught:
         config.loads(text.replace('"aa"', '"a\\nb"'))
-    kinds = [one.kind for one in caught.value.params["diagnostics"]]
+    kinds = [diagnostic.kind for diagnostic in caught.value.params["diagnostics"]]
     assert kinds == ["control_character", "port_url", "pattern", "control_character"]
     for language in ("en", "zh"):
         reply_text = caught.value.text(language)
@@ -94,7 +96,7 @@ def test_a_simulated_bus_is_checked_with_and_without_a_name(name: str) -> None:
     text = (REJECTED / "unknown-bus.toml").read_text().replace('bus = "aa"', 'bus = "a"')
     with pytest.raises(ConfigurationError) as caught:
         config.loads(text.replace("sim://c320@1-3", f"sim://c320@1-3?{name}drives=3"))
-    assert [one.kind for one in caught.value.params["diagnostics"]] == ["port_url"]
+    assert [diagnostic.kind for diagnostic in caught.value.params["diagnostics"]] == ["port_url"]
     config.loads(text.replace("sim://c320@1-3", f"sim://c320@1-3?{name}drives=9600-8E1"))
     with pytest.raises(KeyError):
         find_simulated_bus("checked")

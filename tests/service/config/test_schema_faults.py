@@ -70,7 +70,7 @@ def faults(schema: type[BaseModel]) -> list[tuple[Issue, Any]]:
             try:
                 schema.model_validate(data)
             except ValidationError as error:
-                found += [(one, data) for one in issues_from_pydantic(error, schema, data)]
+                found += [(issue, data) for issue in issues_from_pydantic(error, schema, data)]
     return found
 
 

@@ -58,7 +58,7 @@ def test_answers_become_a_plant_that_passes_check(answers: Path, tmp_path: Path,
     assert result.exit_code == 0 and str(path) in result.output
     plant = config.load(path)
     assert (plant.id, plant.title.zh) == ("boiler-house", "Boiler house 锅炉房")
-    assert [(one.id, one.bus, one.address) for one in plant.drives] == [
+    assert [(drive.id, drive.bus, drive.address) for drive in plant.drives] == [
         ("supply-fan", "a", 1),
         ("supply-fan-2", "a", 2),
         ("c320-7", "a", 7),
@@ -111,7 +111,7 @@ def test_a_plant_file_stays_where_the_new_one_can_t_be_written_and_that_one_is_p
     assert (result.exit_code, path.read_text()) == (2, "mine")
     assert tomllib.loads(result.stdout)["plant"]["id"] == "boiler-house"
     assert "No space left on device" in result.stderr and "free space" in result.stderr
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["answers.toml", "plant.toml"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["answers.toml", "plant.toml"]
     result = init("--answers", answers, "-o", path, "--force", "--json")
     assert json.loads(result.stdout)["error"]["key"] == "cli.file_unwritten", "one document; the plant is beside it"
     assert "boiler-house" in result.stderr
@@ -168,7 +168,7 @@ def test_invalid_answers_are_rejected_and_nothing_is_written(
 def test_the_models_of_answers_are_taken_in_any_case(answers: Path, tmp_path: Path) -> None:
     answers.write_text(ANSWERS.replace('"vc660"', '"VC660"').replace('"c320"', '"C320"'), encoding="utf-8")
     assert init("--answers", answers, "-o", tmp_path / "plant.toml").exit_code == 0
-    assert {one.model for one in config.load(tmp_path / "plant.toml").drives} == {"c320", "vc660"}
+    assert {drive.model for drive in config.load(tmp_path / "plant.toml").drives} == {"c320", "vc660"}
 
 
 def test_without_a_terminal_there_are_no_questions(tmp_path: Path) -> None:
@@ -192,7 +192,7 @@ def test_a_few_questions_make_a_plant(monkeypatch: pytest.MonkeyPatch, tmp_path:
         "address 0 is the broadcast address",
     ):
         assert wrong in result.output, "asked again, with the reason"
-    assert [(one.id, one.address, one.title.en) for one in plant.drives] == [
+    assert [(drive.id, drive.address, drive.title.en) for drive in plant.drives] == [
         ("main-pump", 1, "Main pump"),
         ("vc660-2", 2, "vc660 2"),
     ]
@@ -262,7 +262,12 @@ def test_full_width_answers_are_read_as_half_width_ones_and_names_stay(
     assert result.exit_code == 0, result.output
     plant = config.load(path)
     assert (plant.title.zh, [bus.port for bus in plant.buses]) == ("泵站（１）", ["/dev/ttyUSB0", "sim://c320@1"])
-    assert [(one.model, one.address) for one in plant.drives] == [("vc660", 1), ("vc660", 3), ("c320", 1), ("c320", 2)]
+    assert [(drive.model, drive.address) for drive in plant.drives] == [
+        ("vc660", 1),
+        ("vc660", 3),
+        ("c320", 1),
+        ("c320", 2),
+    ]
     assert plant.drives[0].title.zh == "主泵１"
     assert "收到也许，应为：y 或 n" in result.output
 
@@ -374,7 +379,7 @@ def test_a_port_without_drives_or_that_can_t_be_opened_does_not_discard_those_of
     words = ("--scan", "--models", "vc660", "--addresses", "2", "--bauds", "9600", "--listen-seconds", "0")
     result = init("sim://vc660@2", missing, "sim://vc660@3?name=empty", *words, "-o", path, "--lang", "en")
     assert result.exit_code == 1, result.output
-    assert [one.port for one in config.load(path).buses] == ["sim://vc660@2"]
+    assert [bus.port for bus in config.load(path).buses] == ["sim://vc660@2"]
     assert f"{missing}: no drive was found" not in result.stderr and "does not exist" in result.stderr
     assert "sim://vc660@3?name=empty: no drive was found, and no bus is written for it" in result.stderr
     wrong = init("sim://vc660@2", "/dev/ttyUSB0?baud=fast", *words, "-o", path, "--force", "--lang", "en")
@@ -404,7 +409,7 @@ def found(address: int, model: str, encoding: str = "ascii", family: str = "c320
 def test_a_drive_with_another_protocol_is_named_and_left_out(capsys: pytest.CaptureFixture[str]) -> None:
     everybody = [found(2, "c320"), found(1, "c320"), found(2, "c320", "hex"), found(5, "vc660", "rtu", "modbus")]
     line = init_command._bus_answer("/dev/x", everybody, ("c320",), init_command.ModelQuestions(is_interrupted=True))
-    assert [(one.address, one.encoding, one.others) for one in line.drives] == [
+    assert [(drive.address, drive.encoding, drive.others) for drive in line.drives] == [
         (1, "ascii", ("sister",)),
         (2, "ascii", ("sister",)),
     ]
@@ -422,7 +427,7 @@ def test_any_names_are_written_and_loaded_unchanged(title: str, names: list[str]
     drives = tuple(DriveAnswer(address, "vc660", name) for address, name in enumerate(names, 1))
     raw = tomllib.loads(plant_toml(PlantAnswers(title, (BusAnswer("tcp://127.0.0.1:1", drives),)), language))
     assert raw["plant"]["title"] == title
-    assert [one.get("title", "") for one in raw["drive"].values()] == names
+    assert [drive.get("title", "") for drive in raw["drive"].values()] == names
     assert all(re.fullmatch(r"[a-z0-9][a-z0-9_-]{0,63}", id) for id in raw["drive"])
 
 
@@ -434,7 +439,7 @@ def test_a_missing_answers_file_is_reported(tmp_path: Path) -> None:
 
 def test_answers_are_read_in_order(answers: Path) -> None:
     first = read_answers(str(answers)).buses[0]
-    assert [(one.address, one.title) for one in first.drives] == [(1, "Supply fan"), (2, "Supply fan"), (7, "")]
+    assert [(drive.address, drive.title) for drive in first.drives] == [(1, "Supply fan"), (2, "Supply fan"), (7, "")]
 
 
 def test_a_found_drive_gets_its_step_as_a_comment_because_a_scan_cannot_know_it() -> None:

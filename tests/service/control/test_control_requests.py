@@ -77,7 +77,7 @@ def test_a_request_expires_and_its_end_is_kept_for_a_minute() -> None:
         leases.renew("a", ANN, now)
         assert list(requests.expire(leases, now)) == []
     leases.renew("a", ANN, 59.0)
-    assert [one.state for one in requests.expire(leases, CONTROL_REQUEST_TTL_S)] == ["expired"]
+    assert [request.state for request in requests.expire(leases, CONTROL_REQUEST_TTL_S)] == ["expired"]
     assert list(requests.expire(leases, CONTROL_REQUEST_TTL_S + ENDED_REQUEST_TTL_S - 0.1)) == []
     assert requests.get("a") is not None and requests.find_open("a") is None
     assert list(requests.expire(leases, CONTROL_REQUEST_TTL_S + ENDED_REQUEST_TTL_S)) == []
@@ -88,11 +88,11 @@ def test_a_request_ends_where_no_session_has_control_any_more_or_the_asking_one_
     requests, leases = ControlRequests(), held_by_ann()
     requests.make("r1", "a", BOB, None, 0.0)
     leases.release("a", ANN, 1.0)
-    assert [one.state for one in requests.expire(leases, 1.0)] == ["released"]
+    assert [request.state for request in requests.expire(leases, 1.0)] == ["released"]
     leases.take("b", ANN, 0.0)
     requests.make("r2", "b", EVE, None, 0.0)
     leases.take("b", EVE, 1.0)
-    assert [one.state for one in requests.expire(leases, 1.0)] == ["withdrawn"]
+    assert [request.state for request in requests.expire(leases, 1.0)] == ["withdrawn"]
 
 
 def test_only_the_session_that_has_control_hands_it_over() -> None:
@@ -191,7 +191,7 @@ def test_each_step_is_in_the_audit_trail_with_its_user() -> None:
         await kit.call("control_request.decline", ANN, **FAN, request=(await shown(kit))["id"])
         await kit.call("control_request.make", CYD, **FAN)
         await kit.call("control_request.withdraw", CYD, **FAN)
-        made = [(one.who, one.what, one.target) for one in kit.trail.entries if one.outcome == "done"]
+        made = [(entry.who, entry.what, entry.target) for entry in kit.trail.entries if entry.outcome == "done"]
         assert made[-4:] == [
             (user, f"control_request.{what}", "fan-1")
             for user, what in (("bob", "make"), ("ann", "decline"), ("cyd", "make"), ("cyd", "withdraw"))
@@ -204,7 +204,7 @@ def test_a_request_for_a_selection_has_one_id_an_outcome_for_each_drive_and_is_w
     async def scenario(kit: ServiceKit) -> None:
         await kit.call("lease.take", CYD, drive="pump-1")
         found = await kit.call("control_requests.make", CYD, drives=["fan-1", "fan-2", "pump-1"], reason="belt check")
-        outcomes = {id: one.get("status", one.get("code")) for id, one in found["outcomes"].items()}
+        outcomes = {id: outcome.get("status", outcome.get("code")) for id, outcome in found["outcomes"].items()}
         assert outcomes == {"fan-1": "done", "fan-2": "plant.control_is_free", "pump-1": "unchanged"}
         await kit.call("lease.renew", ANN, **FAN)
         asked = await kit.call("control_requests.make", BOB, drives=["fan-1", "pump-1"])
@@ -212,7 +212,7 @@ def test_a_request_for_a_selection_has_one_id_an_outcome_for_each_drive_and_is_w
         await kit.call("control_requests.withdraw", BOB, all=True)
         assert (await shown(kit))["state"] == "open", "the request of another session was withdrawn"
         found = (await kit.call("control_requests.withdraw", CYD, all=True))["outcomes"]
-        assert [id for id, one in found.items() if one["status"] == "done"] == ["fan-1"]
+        assert [id for id, outcome in found.items() if outcome["status"] == "done"] == ["fan-1"]
         assert (await shown(kit))["state"] == "withdrawn"
         await kit.call("lease.take", ANN, drive="fan-2")
         await kit.call("control_requests.make", EVE, drives=["fan-1", "fan-2"])

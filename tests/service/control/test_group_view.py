@@ -29,7 +29,7 @@ def test_the_lowest_frequency_of_a_group_is_one_that_every_member_permits_at_its
 
     async def scenario() -> None:
         drives = tuple(
-            replace(one, limits=DriveLimits(minimum_hz=10.0)) if one.id == "fan-2" else one for one in DRIVES
+            replace(drive, limits=DriveLimits(minimum_hz=10.0)) if drive.id == "fan-2" else drive for drive in DRIVES
         )
         group = GroupConfig(id="fans", drives=("fan-1", "fan-2"), leader="fan-1", ratios={"fan-2": 3.0})
         async with running_service(plant_config(drives=drives, groups=(group,))) as kit:

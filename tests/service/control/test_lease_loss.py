@@ -230,8 +230,10 @@ def test_a_lost_lease_is_handled_unless_the_drive_reports_standstill(policy: OnC
                 simulated_bus_of(drive.bus.port).unplug()
             await asyncio.sleep(15)
             assert drive.status().state is (DriveState.UNKNOWN if silent else DriveState.STOPPED)
-            lost = [one for one in kit.service.plant.alarms.active() if one.kind == SystemAlarm.CONTROL_LOST]
-            assert [one.text.by_language() for one in lost] == MAY_BE_RUNNING * (silent and policy is OnClientLost.HOLD)
+            lost = [alarm for alarm in kit.service.plant.alarms.active() if alarm.kind == SystemAlarm.CONTROL_LOST]
+            assert [alarm.text.by_language() for alarm in lost] == MAY_BE_RUNNING * (
+                silent and policy is OnClientLost.HOLD
+            )
             stops = [entry.what for entry in kit.trail.entries if entry.who == "drivebus"]
             assert stops == (["drive.stop"] * 2 if silent and policy is OnClientLost.STOP else [])
 
@@ -256,9 +258,11 @@ def test_a_standstill_that_was_read_before_a_start_frame_does_not_end_the_alarm_
             assert plant.drives["fan-1"].status().state is DriveState.STOPPED, "the case is not played"
             kit.service.policies.end_control(ANN.session, "rights")
             report_motion(plant, plant.drives["fan-1"], plant.drives["fan-1"].status())
-            assert [one.kind for one in plant.alarms.active()] == [SystemAlarm.CONTROL_LOST]
+            assert [alarm.kind for alarm in plant.alarms.active()] == [SystemAlarm.CONTROL_LOST]
             await starting
-            assert [one.kind for one in plant.alarms.active() if one.cleared_ms is None] == [SystemAlarm.CONTROL_LOST]
+            assert [alarm.kind for alarm in plant.alarms.active() if alarm.cleared_ms is None] == [
+                SystemAlarm.CONTROL_LOST
+            ]
 
     run(scenario())
 
@@ -314,7 +318,7 @@ def test_a_port_lost_in_the_first_second_of_the_service_raises_its_alarm(title: 
             simulated_bus_of(bus.bus.port).unplug()
             assert bus.reported_open is None, "a supervision cycle has seen the open port: the case is not played"
             await asyncio.sleep(3)
-            (alarm,) = [one for one in plant.alarms.active() if one.kind == SystemAlarm.PORT_LOST]
+            (alarm,) = [alarm for alarm in plant.alarms.active() if alarm.kind == SystemAlarm.PORT_LOST]
             assert (alarm.subject, alarm.cleared_ms) == ("a", None)
             (lost,) = [event["text"] for event in kit.history.events if event["kind"] == "presence"]
             assert lost["en"] == "bus a has lost its port; it is opened again as soon as possible"

@@ -67,7 +67,7 @@ def test_waivers_of_a_selection_leave_drives_alone_that_need_none_or_have_one() 
             trips = kit.service.plant.drives["pump-1"]
             trips.comm_loss.last_read = type(trips.comm_loss.last_read)(kind="trips", after_s=1.0, text=Text("", ""))
             found = (await kit.call("waivers.grant", ENGINEER, all=True, reason="hard-wired stop"))["outcomes"]
-            done = {id for id, one in found.items() if one["status"] == "done"}
+            done = {id for id, outcome in found.items() if outcome["status"] == "done"}
             assert done == {"fan-2", "pump-2"} and found["fan-1"] == {"status": "unchanged"}
             waivers = {runtime.id: runtime.comm_loss.waiver for runtime in kit.service.plant.drives.values()}
             assert waivers == {
@@ -76,7 +76,7 @@ def test_waivers_of_a_selection_leave_drives_alone_that_need_none_or_have_one() 
                 "pump-1": None,
                 "pump-2": "hard-wired stop (eve)",
             }
-            (entry, *_) = (one for one in kit.trail.entries if one.what == "waivers.grant")
+            (entry, *_) = (entry for entry in kit.trail.entries if entry.what == "waivers.grant")
             assert entry.params["drives"] == ["fan-1", "fan-2", "pump-1", "pump-2"], "the record names each drive"
 
     run(scenario())

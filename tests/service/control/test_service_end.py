@@ -76,7 +76,9 @@ def test_a_stopping_service_stops_the_drives_that_it_started_by_their_policy(
             stopped = policy is OnServiceStop.STOP
             assert [*outcomes] == (["fan-1"] if stopped else [])
             ended = [
-                (one.target, one.outcome, bool(one.frames)) for one in kit.trail.entries if one.what == "drive.stop"
+                (entry.target, entry.outcome, bool(entry.frames))
+                for entry in kit.trail.entries
+                if entry.what == "drive.stop"
             ]
             assert ended == [("fan-1", "requested", False), ("fan-1", "confirmed", True)] * stopped
             assert [station.motor.phase is OutputPhase.OFF for station in stations] == [stopped, False]
@@ -85,7 +87,9 @@ def test_a_stopping_service_stops_the_drives_that_it_started_by_their_policy(
             assert kit.drives_of_events("plant.left_unknown") == ["pump-1", "pump-2"]
             records = [record for record in caplog.records if "running" in record.message]
             left = ["fan-2", "pump-1", "pump-2"] if stopped else ["fan-1", "fan-2", "pump-1", "pump-2"]
-            assert [(vars(one)["event"]["drive"], one.levelname) for one in records] == [(id, "WARNING") for id in left]
+            assert [(vars(record)["event"]["drive"], record.levelname) for record in records] == [
+                (id, "WARNING") for id in left
+            ]
 
     run(scenario())
 
@@ -278,7 +282,7 @@ def test_a_stopping_service_does_not_wait_for_a_long_ramp() -> None:
             number = len(kit.trail.entries) + 1
             assert await kit.service.stop() == {"fan-1": DECELERATING}
             assert kit.service.plant.now() - started_at <= 3.0
-            recorded = [(one.outcome, one.of) for one in kit.trail.entries if one.what == "drive.stop"]
+            recorded = [(entry.outcome, entry.of) for entry in kit.trail.entries if entry.what == "drive.stop"]
             assert recorded == [("requested", None), ("decelerating", number)], "it was recorded as unknown"
             assert len(kit.trail.entries[-1].frames) > 5, "its record had no frames"
 
@@ -308,7 +312,7 @@ def test_an_ending_service_records_its_stops_after_their_first_frames_are_queued
             kit.trail.broken = broken
             await kit.service.stop()
             assert begun and all(begun)
-            recorded = [(one.target, one.outcome, one.of) for one in kit.trail.entries]
+            recorded = [(entry.target, entry.outcome, entry.of) for entry in kit.trail.entries]
             assert recorded == [
                 ("fan-1", "requested", None),
                 ("fan-2", "requested", None),
@@ -352,7 +356,7 @@ def test_a_stop_that_is_still_repeated_when_the_service_ends_has_a_last_record_w
             kit.station("fan-1").faults.silent = not replies_again
             await asyncio.sleep(6)  # the bus reads the drive again after 5 s
             assert await kit.service.stop() == {"fan-1": DECELERATING if replies_again else None}
-            recorded = [(one.who, one.outcome, one.of) for one in kit.trail.entries]
+            recorded = [(entry.who, entry.outcome, entry.of) for entry in kit.trail.entries]
             assert recorded == [
                 ("bob", "requested", None),
                 ("bob", "drives.stop_no_reply", 1),
@@ -383,7 +387,7 @@ def test_the_record_of_a_stop_whose_ramp_outlasts_the_service_has_what_was_sent_
                 await stop
             assert caught.value.key == "drives.stop_removed_after" and caught.value.params["sent"] > 1
             assert "reported decelerating" in caught.value.text("en") and "减速" in caught.value.text("zh")
-            recorded = [(one.who, one.outcome, one.of) for one in kit.trail.entries]
+            recorded = [(entry.who, entry.outcome, entry.of) for entry in kit.trail.entries]
             by_service = [("drivebus", "requested", None), ("drivebus", "decelerating", 2)]
             assert recorded == [
                 ("bob", "requested", None),

@@ -114,9 +114,9 @@ def test_a_foreign_master_is_an_alarm_of_its_bus_while_starts_are_refused_there(
                     await asyncio.sleep(0.37)
                     wire.detach(master)
                 await asyncio.sleep(pause_s)
-                alarms = [one for one in kit.service.plant.alarms.active() if one.cleared_ms is None]
+                alarms = [alarm for alarm in kit.service.plant.alarms.active() if alarm.cleared_ms is None]
                 refused = ["drives.foreign_master" in blocker_keys(kit, drive) for drive in ("fan-1", "pump-1")]
-                found.append(([one.text for one in alarms if one.kind == "foreign_master"], refused))
+                found.append(([alarm.text for alarm in alarms if alarm.kind == "foreign_master"], refused))
             bus = bilingual_text("plant.bus", id="a")
             text = bilingual_text("alarms.text.foreign_master", bus=bus)
             assert found == [([], [False, False]), ([text], [True, False]), ([], [False, False])]

@@ -152,7 +152,10 @@ def test_a_bus_stop_lists_a_drive_that_cannot_report_as_acknowledged() -> None:
         async with running_service(config) as kit:
             await asyncio.sleep(5)
             buses = (await kit.call("plant.stop"))["buses"]
-            shown = {bus: (one["confirmed"], one["acknowledged"], one["unconfirmed"]) for bus, one in buses.items()}
+            shown = {
+                bus: (result["confirmed"], result["acknowledged"], result["unconfirmed"])
+                for bus, result in buses.items()
+            }
             assert shown == {"a": (True, [], []), "b": (True, [], []), "c": (False, ["saw"], [])}
             assert "stop_unconfirmed" not in kinds(kit)
             assert kit.drives_of_events("plant.did_stop_all_acknowledged", drives="saw") == [None]
@@ -246,7 +249,7 @@ def test_a_stop_that_a_lost_port_withholds_is_called_unsent_and_sent_when_the_po
             assert caught.value.key == "plant.stop_not_sent_port"
             assert "STOP NOT SENT: the port is not open" in str(caught.value)
             assert "The service sends it when the port is open again" in str(caught.value)
-            ended = described([entry_json(one, 0) for one in kit.trail.entries if one.what == "drive.stop"][-1])
+            ended = described([entry_json(entry, 0) for entry in kit.trail.entries if entry.what == "drive.stop"][-1])
             assert ended["outcome_text"]["en"].startswith("STOP NOT SENT: the port is not open (sim://")
             assert ended["outcome_text"]["zh"].startswith("停机命令未发送：端口未打开（")
             whole = (await kit.call("plant.stop"))["outcomes"]["fan-1"]
@@ -289,7 +292,7 @@ def test_a_stop_that_was_not_sent_has_a_second_outcome_once_it_was_repeated_and_
                 "en": "Bus stop of fan-1: repeated until the drive confirmed it, requested by ann",
                 "zh": "停止 fan-1（总线停止）：重复发送直至变频器确认，由 ann 请求",
             }
-            events = [one["text"]["en"] for one in kit.history.events[stopped:] if one["drive"] == "fan-1"]
+            events = [event["text"]["en"] for event in kit.history.events[stopped:] if event["drive"] == "fan-1"]
             assert len([text for text in events if text.startswith("stop: ")]) == 1, events
 
     run(scenario())

@@ -48,7 +48,7 @@ def test_no_start_frame_is_sent_once_its_user_has_lost_control_and_one_sent_befo
             if starts == 0:
                 error = starting.exception()
                 assert isinstance(error, Superseded) and error.may_be_running is False
-                (entry,) = [one for one in kit.trail.entries if one.what == "drive.run" and one.of is not None]
+                (entry,) = [entry for entry in kit.trail.entries if entry.what == "drive.run" and entry.of is not None]
                 assert "control of it ended" in entry.params["error_text"]["en"]
                 assert not kit.service.plant.drives[drive].started_by_service
 
@@ -169,7 +169,7 @@ def test_a_start_that_has_not_left_when_its_control_ends_is_not_sent_and_raises_
             await asyncio.sleep(15)  # a lease that was handed over has ended, too
             assert kit.station("fan-1").motor.starts == 0
             assert not kit.service.plant.drives["fan-1"].started_by_service
-            assert [one.kind for one in kit.service.plant.alarms.active()] == []
+            assert [alarm.kind for alarm in kit.service.plant.alarms.active()] == []
             assert [entry for entry in kit.trail.entries if entry.what == "drive.stop"] == []
 
     run(scenario())
@@ -188,7 +188,7 @@ def test_a_start_that_has_left_when_its_control_ends_is_confirmed_and_only_an_ex
             assert not starting.done()
             await _end_control(kit, how)
             assert (await starting)["outcome"]["status"] == "confirmed"
-            alarms = [one.kind for one in kit.service.plant.alarms.active()]
+            alarms = [active.kind for active in kit.service.plant.alarms.active()]
             assert alarms == [SystemAlarm.CONTROL_LOST] * alarm
 
     run(scenario())

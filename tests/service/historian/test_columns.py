@@ -126,7 +126,7 @@ def test_part_of_a_rollup_equals_the_whole_one_cut(
     low = values if flat else values[::-1]
     counts = [(7 * place) % 5 for place in range(n)]
     whole = Points(
-        time=times[:n], count=counts, low=low, mean=values, high=values, quality=bytes(one % 3 for one in range(n))
+        time=times[:n], count=counts, low=low, mean=values, high=values, quality=bytes(index % 3 for index in range(n))
     )
     data = blocks.encode_points(whole)
     expected, found = (

@@ -220,9 +220,9 @@ async def test_a_value_of_a_query_is_never_a_part_of_its_statement(
         wanted = EventQuery(from_ms=0, to_ms=2 * NOON_MS, drive=hostile, before=None, limit=9)
         events = await historian.queries._on_reader_thread(lambda: historian.queries._reader.store.events(wanted))
         documents = await historian.documents(hostile)
-    assert (shown["mean"], [one.drive for one in events]) == ([1.0, 2.0, None], [hostile])
+    assert (shown["mean"], [found.drive for found in events]) == ([1.0, 2.0, None], [hostile])
     assert documents == {hostile: {"starts": 1}}
-    assert len(statements) > 20 and [one for one in statements if "DROP TABLE tag" in one] == []
+    assert len(statements) > 20 and [statement for statement in statements if "DROP TABLE tag" in statement] == []
 
 
 async def test_unknown_and_invalid_values_are_refused(database: HistoryDatabase) -> None:

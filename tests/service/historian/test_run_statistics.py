@@ -208,5 +208,5 @@ async def test_damaged_statistics_of_one_drive_are_kept_aside_and_it_is_counted_
         assert (await _flushed_documents(historian))["fan-1"]["starts"] == 1
         (kept,) = (await historian.documents(store.damaged_copy)).values()
     assert kept == damaged or kept == json.loads(damaged)
-    (record,) = [one.message for one in caplog.records if "run statistics" in one.message]
+    (record,) = [log_record.message for log_record in caplog.records if "run statistics" in log_record.message]
     assert "fan-1" in record and store.damaged_copy in record

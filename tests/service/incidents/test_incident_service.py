@@ -140,9 +140,9 @@ def test_a_trip_on_a_slow_bus_is_one_event_one_alarm_and_one_incident_with_its_c
                 (alarm,) = await faults(kit)
                 news = kit.history.events[before:]
                 found = [
-                    one["text"]["en"]
-                    for one in news
-                    if one["kind"] in ("fault", "alarm") and one["outcome"] != "cleared"
+                    event["text"]["en"]
+                    for event in news
+                    if event["kind"] in ("fault", "alarm") and event["outcome"] != "cleared"
                 ]
                 assert found == ["alarm E5, see the alarm table of the manual", alarm["text"]["en"]]
                 incident = (await kit.call("incidents.list"))["items"][0]
@@ -170,11 +170,13 @@ def test_a_trip_that_repeats_unacknowledged_is_one_alarm_whose_occurrences_keep_
                 assert kit.drives_of_events("plant.alarm_raised_again", text=text, count=count) == ["fan-1"] * times
             await kit.call("alarm.acknowledge", remote_actor(), alarm=first["id"])
             history = (await kit.call("alarms.history", drive="fan-1"))["items"]
-            found = [one for one in history if one["kind"] == "fault"]
-            assert [one["acknowledged_by"] for one in found] == ["ann"] * 3
-            incidents = [await kit.call("incidents.get", incident=one["incident"]) for one in found]
-            assert [one["raised"]["raised_ms"] for one in incidents] == [one["raised_ms"] for one in found]
-            assert len({one["id"] for one in incidents}) == 3
+            found = [alarm for alarm in history if alarm["kind"] == "fault"]
+            assert [fault["acknowledged_by"] for fault in found] == ["ann"] * 3
+            incidents = [await kit.call("incidents.get", incident=fault["incident"]) for fault in found]
+            assert [incident["raised"]["raised_ms"] for incident in incidents] == [
+                fault["raised_ms"] for fault in found
+            ]
+            assert len({incident["id"] for incident in incidents}) == 3
 
     run(scenario())
 
@@ -197,8 +199,10 @@ def test_acknowledged_and_shelved_alarms_are_in_the_log_after_a_restart(tmp_path
                 ("plant.alarm_acknowledged", "ann"),
             )
             text = Text.from_mapping(alarm["text"])
-            about = [one for one in kit.history.events if one["kind"] == "alarm" and text.zh in one["text"]["zh"]]
-            assert [(one["text"], one["actor"]) for one in about] == [
+            about = [
+                event for event in kit.history.events if event["kind"] == "alarm" and text.zh in event["text"]["zh"]
+            ]
+            assert [(event["text"], event["actor"]) for event in about] == [
                 (localized(key, {"text": text}), actor) for key, actor in expected
             ]
         async with service_with_logs(tmp_path) as kit:
@@ -290,7 +294,9 @@ def test_an_incident_after_a_reload_that_replaced_the_motor_has_nothing_of_the_f
             first = await trip(kit)
             write(after)
             await kit.call("configuration.reload")
-            assert [one["cleared_ms"] is None for one in await faults(kit)] == [False], "another motor has no fault yet"
+            assert [fault["cleared_ms"] is None for fault in await faults(kit)] == [False], (
+                "another motor has no fault yet"
+            )
             replaced_at = kit.service.plant.now()
             await asyncio.sleep(3)
             kit.station("fan-1").trip(Trip.UNDERVOLTAGE)

@@ -176,7 +176,10 @@ def test_any_text_is_parsed_or_rejected(text: str) -> None:
 
 
 def test_the_references_of_an_expression_are_listed() -> None:
-    found = [(one.drive, one.name, one.column) for one in references(parse("a.x > b.y and not (c.state != fault)"))]
+    found = [
+        (reference.drive, reference.name, reference.column)
+        for reference in references(parse("a.x > b.y and not (c.state != fault)"))
+    ]
     assert found == [("a", "x", 1), ("b", "y", 7), ("c", "state", 20)]
 
 
@@ -215,7 +218,7 @@ def written(tree: Any) -> str:
         return f"{tree[1]}.state {tree[2]} {tree[3]}"
     if tree[0] == "not":
         return f"not ({written(tree[1])})"
-    return f" {tree[0]} ".join(f"({written(one)})" for one in tree[1])
+    return f" {tree[0]} ".join(f"({written(part)})" for part in tree[1])
 
 
 def naive(tree: Any, values: dict[tuple[str, str], Any]) -> set[bool]:
@@ -228,11 +231,11 @@ def naive(tree: Any, values: dict[tuple[str, str], Any]) -> set[bool]:
         state = values[tree[1], "state"]
         return {True, False} if state is None else {(state == tree[3]) == (tree[2] == "==")}
     if tree[0] == "not":
-        return {not one for one in naive(tree[1], values)}
-    sides = [naive(one, values) for one in tree[1]]
+        return {not result for result in naive(tree[1], values)}
+    sides = [naive(part, values) for part in tree[1]]
     if tree[0] == "and":
-        return {True} if all(one == {True} for one in sides) else {False} if {False} in sides else {True, False}
-    return {False} if all(one == {False} for one in sides) else {True} if {True} in sides else {True, False}
+        return {True} if all(side == {True} for side in sides) else {False} if {False} in sides else {True, False}
+    return {False} if all(side == {False} for side in sides) else {True} if {True} in sides else {True, False}
 
 
 contents = st.fixed_dictionaries(
@@ -316,5 +319,5 @@ def test_every_unit_of_a_signal_is_known() -> None:
     from drivebus.profiles.schema import Unit
 
     assert set(get_args(Unit)) <= set(UNIT_MEASURES)
-    assert [str(one) for one in comparisons(parse("a.b >= 10.0 Hz"))] == ["a.b >= 10 Hz"]
+    assert [str(comparison) for comparison in comparisons(parse("a.b >= 10.0 Hz"))] == ["a.b >= 10 Hz"]
     assert str(Quantity(3.0, "", 1)) == "3"

@@ -103,7 +103,10 @@ def test_a_jog_renewal_does_not_wait_for_queries() -> None:
 
 def test_only_operations_without_effect_yield() -> None:
     immediate = {name for name, operation in OPERATIONS.items() if not operation.yields}
-    assert immediate == {name for name, one in OPERATIONS.items() if one.mutates} | {"lease.renew", "drive.jog_renew"}
+    assert immediate == {name for name, operation in OPERATIONS.items() if operation.mutates} | {
+        "lease.renew",
+        "drive.jog_renew",
+    }
 
 
 def test_a_live_message_overtakes_long_replies() -> None:

@@ -414,8 +414,8 @@ def test_a_motion_that_waited_for_a_suspended_service_is_not_done_and_a_stop_is(
         await asyncio.sleep(0)  # each is written
         time.sleep(0.3)  # noqa: ASYNC251  the process of the service is suspended
         *motions, stop, renewal = await asyncio.gather(*calls, return_exceptions=True)
-        assert [type(one) for one in motions] == [Expired] * 4
-        assert {one.key for one in motions if isinstance(one, Expired)} == {"plant.waited_too_long"}
+        assert [type(result) for result in motions] == [Expired] * 4
+        assert {result.key for result in motions if isinstance(result, Expired)} == {"plant.waited_too_long"}
         assert not isinstance(stop, Exception) and not isinstance(renewal, Exception)
         assert [name for name, _, _ in service.calls] == ["plant.get", "drive.stop", "lease.renew"]
         assert (await client.call("drive.set_frequency", {}, LOCAL))["operation"] == "drive.set_frequency"

@@ -341,7 +341,7 @@ def test_a_bus_shows_what_a_slow_adapter_costs_it(monkeypatch: pytest.MonkeyPatc
             monkeypatch.setattr("drivebus.service.runtime.bus.adapter_latency", lambda *_: slow)
             await asyncio.sleep(2)
             shown = (await kit.call("buses.get", bus="a"))["slow_adapter"]
-            assert all("ttyUSB7" in shown[one] and "12.3" in shown[one] for one in ("en", "zh"))
+            assert all("ttyUSB7" in shown[language] and "12.3" in shown[language] for language in ("en", "zh"))
             assert (shown["en"][:5], shown["zh"][:6]) == ("bus a", "总线 a：适"), "the plant gives it no title"
             bus = kit.service.plant.buses["a"]
             bus.config = replace(bus.config, title=Text("Fan line", "风机线路"))

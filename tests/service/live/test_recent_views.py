@@ -37,7 +37,7 @@ def test_lists_of_recent_views_build_none_again(monkeypatch: pytest.MonkeyPatch)
             await asyncio.sleep(2)
             built = record_builds(monkeypatch)
             first, second = [(await kit.call("drives.list"))["drives"] for _ in range(2)]
-            assert first and all(one is two for one, two in zip(first, second, strict=True)) and built == []
+            assert first and all(view is later for view, later in zip(first, second, strict=True)) and built == []
             assert (await kit.call("drives.get", drive=first[0]["id"])).keys() == first[0].keys()
             monkeypatch.setattr(recent_views, "MAX_VIEW_AGE_S", -1.0)
             await kit.call("drives.list")

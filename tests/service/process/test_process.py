@@ -191,7 +191,9 @@ def test_a_service_runs_once_reloads_its_file_and_stops_its_drives_at_the_end(tm
         pass
     manager.close()
     log = [json.loads(line) for line in errors.splitlines()]
-    assert [one["outcome"] for one in log if one.get("kind") == "stop" and one.get("drive") == "fan-2"] == ["confirmed"]
+    assert [event["outcome"] for event in log if event.get("kind") == "stop" and event.get("drive") == "fan-2"] == [
+        "confirmed"
+    ]
     trail = [json.loads(line) for line in (state / "audit.jsonl").read_text().splitlines()]
     assert "drive.run" in {entry["what"] for entry in trail}
     assert not [name for name in state.iterdir() if name.suffix == ".sock"]
@@ -221,7 +223,7 @@ def test_a_service_with_a_read_only_directory_stops_and_refuses_what_it_cannot_r
         plant = await client.call("plant.get", {}, ME)
         assert not plant["audit_ok"] and not plant["history_ok"]
         alarms = (await client.call("alarms.list", {}, ME))["active"]
-        assert "history" in [one["subject"] for one in alarms if one["kind"] == "storage_failure"]
+        assert "history" in [alarm["subject"] for alarm in alarms if alarm["kind"] == "storage_failure"]
         await client.close()
 
     with running_service(file, "--without", "web", "--log", "json", prefix=read_only) as process:
@@ -275,7 +277,7 @@ def test_a_service_whose_terminal_is_closed_ends_instead_of_reloading(tmp_path: 
     finally:
         process.kill()
         process.wait()
-    assert not [one for one in (tmp_path / "state").iterdir() if one.suffix == ".sock"]
+    assert not [path for path in (tmp_path / "state").iterdir() if path.suffix == ".sock"]
 
 
 def test_a_service_goes_on_where_its_output_cannot_be_written(tmp_path: Path) -> None:
@@ -393,9 +395,9 @@ def test_the_page_can_stop_drives_until_the_stops_of_an_ending_service_are_done(
         assert process.returncode == ExitCode.UNKNOWN
     assert f"fan-1: {i18n.text('serve.decelerating', 'en')}" in errors, errors
     trail = [json.loads(line) for line in (state / "audit.jsonl").read_text().splitlines()]
-    stops = [one for one in trail if one["what"] == "drive.stop"]
-    fan_1, fan_2 = (one["n"] for one in stops[:2])
-    assert [(one["target"], one["outcome"], one["of"]) for one in stops] == [
+    stops = [entry for entry in trail if entry["what"] == "drive.stop"]
+    fan_1, fan_2 = (entry["n"] for entry in stops[:2])
+    assert [(entry["target"], entry["outcome"], entry["of"]) for entry in stops] == [
         ("fan-1", "requested", None),
         ("fan-2", "requested", None),
         ("fan-2", "confirmed", fan_2),
@@ -404,7 +406,7 @@ def test_the_page_can_stop_drives_until_the_stops_of_an_ending_service_are_done(
 
 
 def children(pid: int) -> list[int]:
-    return [int(one) for one in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
 def test_stop_all_reports_a_missing_service(tmp_path: Path) -> None:

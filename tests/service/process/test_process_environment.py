@@ -84,7 +84,7 @@ def test_a_log_without_a_reader_blocks_nothing(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(logging_setup, "MAX_QUEUED_RECORDS", 3)
     root = logging.getLogger("drivebus")
     loggers = (root, logging.getLogger())
-    before = [(one.handlers, one.level, one.propagate) for one in loggers]
+    before = [(logger.handlers, logger.level, logger.propagate) for logger in loggers]
     reader, writer = socket.socketpair()
     event = {"kind": "stop", "drive": None, "text": {"en": "stop", "zh": "停"}, "actor": "x", "outcome": None}
 

@@ -73,7 +73,7 @@ async def test_the_password_of_the_database_is_hidden_and_its_text_is_still_chec
     file.write_text(shown)
     with pytest.raises(ConfigurationError) as rejected:
         load(file)
-    assert [one.kind for one in rejected.value.params["diagnostics"]] == ["history_url"]
+    assert [diagnostic.kind for diagnostic in rejected.value.params["diagnostics"]] == ["history_url"]
 
 
 @pytest.mark.parametrize(
@@ -145,7 +145,7 @@ async def test_faults_and_differences_of_a_text_are_found(tmp_path: Path) -> Non
         same = await client.call("configuration.check", {"text": SHOP_FILE}, LOCAL)
         assert same["difference"] == {"added": [], "changed": [], "removed": []}
         wrong = await client.call("configuration.check", {"text": SHOP_FILE.replace('"c320"', '"nonsense"')}, LOCAL)
-        assert [one["line"] for one in wrong["diagnostics"]] == [14] and wrong["difference"] == {}
+        assert [diagnostic["line"] for diagnostic in wrong["diagnostics"]] == [14] and wrong["difference"] == {}
         assert kit.service.plant.config.source == str(tmp_path / "plant.toml")
 
 
@@ -247,7 +247,7 @@ def test_a_check_tells_nothing_about_files_outside_the_folder_of_the_plant(tmp_p
     def diagnostics(model: str) -> list[Any]:
         text = SHOP_FILE + f'[drive.x]\nbus = "a"\naddress = 9\nmodel = "{model}"\n'
         found = configuration_check.check_text(text, running)["diagnostics"]
-        return [(one["key"], "that is not read here" in one["text"]["en"]) for one in found]
+        return [(diagnostic["key"], "that is not read here" in diagnostic["text"]["en"]) for diagnostic in found]
 
     for model in (str(outside), "/etc/passwd", "/no/such/file.toml", "../outside.toml", "link.toml", "/var/"):
         assert diagnostics(model) == [("drive.x.model", True)], model

@@ -366,7 +366,7 @@ def test_a_group_start_ends_where_a_drive_was_removed_from_the_group(tmp_path: P
             await kit.call("configuration.reload")
             found = (await start)["outcomes"]
             ended = "plant.another_meanwhile" if rest else "plant.another_group_meanwhile"
-            assert [one.get("code") for one in found.values()] == [None, ended, ended]
+            assert [outcome.get("code") for outcome in found.values()] == [None, ended, ended]
             assert station.motor.starts == 0
 
     run(scenario())

@@ -167,7 +167,7 @@ def test_a_waiver_that_a_reload_overtakes_permits_nothing(
             kit.service.plant.restore(kit.service.plant.drives["fan-1"])  # as a restart does
             view = await kit.call("drives.get", drive="fan-1")
             assert view["comm_loss"]["waiver"] is None
-            assert "plant.waiver_needed" in [one["key"] for one in view["start_blockers"]]
+            assert "plant.waiver_needed" in [blocker["key"] for blocker in view["start_blockers"]]
 
     run(scenario())
 

@@ -52,7 +52,9 @@ async def blockers(service: Service, drive: str) -> list[str]:
 
 
 def lost_alarms(service: Service) -> list[Any]:
-    return [one for one in service.plant.alarms.active() if one.kind == "settings_lost" and one.cleared_ms is None]
+    return [
+        alarm for alarm in service.plant.alarms.active() if alarm.kind == "settings_lost" and alarm.cleared_ms is None
+    ]
 
 
 @pytest.mark.parametrize("content", DAMAGED.values(), ids=DAMAGED)
@@ -196,7 +198,7 @@ async def test_a_service_starts_with_settings_of_a_wrong_type(tmp_path: Path, wa
     found.put("waiver/fan-2", waiver)
     async with service_in(tmp_path) as service:
         assert "plant.limits_lost" in await blockers(service, "fan-1")
-        assert any(one.startswith("plant.waiver") for one in await blockers(service, "fan-2"))
+        assert any(blocker.startswith("plant.waiver") for blocker in await blockers(service, "fan-2"))
         assert "fan-1" in lost_alarms(service)[0].text.en
 
 
@@ -244,8 +246,8 @@ async def test_damaged_run_statistics_are_an_alarm_until_the_next_start(tmp_path
         async with service_in(tmp_path) as service:
             for _ in range(STORAGE_CHECK_CYCLES):
                 service.supervision.run_once()
-            damaged = [one for one in service.plant.alarms.active() if one.kind == "file_damaged"]
-            assert [one.subject for one in damaged if one.cleared_ms is None] == expected
+            damaged = [alarm for alarm in service.plant.alarms.active() if alarm.kind == "file_damaged"]
+            assert [alarm.subject for alarm in damaged if alarm.cleared_ms is None] == expected
             assert "put aside as statistics.damaged-" in damaged[0].text.en
 
 
@@ -254,8 +256,8 @@ async def test_a_damaged_log_of_alarms_is_an_alarm_until_the_next_start(tmp_path
     (tmp_path / "alarms.jsonl").write_bytes(b"\x80\xff\n")
     for expected in (["alarms.jsonl"], []):
         async with service_in(tmp_path) as service:
-            damaged = [one for one in service.plant.alarms.active() if one.kind == "file_damaged"]
-            assert [one.subject for one in damaged if one.cleared_ms is None] == expected
+            damaged = [alarm for alarm in service.plant.alarms.active() if alarm.kind == "file_damaged"]
+            assert [alarm.subject for alarm in damaged if alarm.cleared_ms is None] == expected
             assert "put aside as alarms.jsonl.damaged-" in damaged[0].text.en
 
 
