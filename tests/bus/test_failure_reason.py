@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import pytest
@@ -11,9 +12,21 @@ from drivebus.bus.failure_reason import failure_reason, late_reply_to_last_reque
 from drivebus.bus.prepared_request import PreparedRequest
 from drivebus.bus.station import Station
 from drivebus.bus.transaction import Transaction
-from drivebus.errors import DrivebusError, LengthError, NoReply
+from drivebus.errors import DrivebusError, EchoError, LengthError, NoReply
 from drivebus.protocols import modbus
-from fixtures.bus import CHARACTER_S, CODEC, make_core, read, read_request
+from drivebus.testing.bus_script import BusScript
+from fixtures.bus import (
+    CHARACTER_S,
+    CODEC,
+    COMMAND,
+    STOP,
+    FakeStation,
+    make_core,
+    read,
+    read_request,
+    stop_request,
+    wire_to,
+)
 
 REPLY = CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2, 3, 4)))
 LATE_REPLY = CODEC.encode_reply(modbus.RegisterValues(1, 3, (1, 2)))
@@ -120,3 +133,20 @@ def test_two_frames_of_another_station_or_a_longer_one_answer_another_request(
 )
 def test_everything_that_was_received_but_our_own_frame_shows_a_reply(error: Any, shown: bool) -> None:
     assert shows_a_reply(error) is shown
+
+
+def test_a_drive_that_answers_every_stop_with_a_wrong_value_has_not_answered_twice() -> None:
+    """The first such reply looks like the write of another master, and the next one was called its second reply."""
+    answers = wire_to(FakeStation())
+
+    def with_wrong_value(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:
+        wrong = CODEC.encode_reply(modbus.WriteAck(1, 6, COMMAND, 0x1234))
+        for at, reply in answers(frame, ended_at):
+            yield at, wrong if isinstance(CODEC.decode_request(frame).message, modbus.WriteRegister) else reply
+
+    script = BusScript(make_core(1), with_wrong_value)
+    for number in range(3):
+        script.submit(stop_request(1), number)
+        script.run()
+        error = script.result(number).error
+        assert isinstance(error, EchoError) and (error.expected, error.found) == (STOP, 0x1234)

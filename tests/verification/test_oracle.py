@@ -397,7 +397,7 @@ def test_i12_an_unlimited_memory_of_requests_is_found(
     monkeypatch.setattr(
         Station,
         "remember_unanswered",
-        lambda station, request, tx_end_at, now: remembered.append(UnansweredRequest(now, request, now)),
+        lambda station, request, _, now, **more: remembered.append(UnansweredRequest(now, request, now, **more)),
     )
     scenario = make_scenario(campaign_run, line_quality="loss=0.1")
     scenario.bus.core.stations[1].unanswered_requests = remembered

@@ -44,12 +44,14 @@ def _repeats(frame: bytes, received: bytes) -> bool:
 
 
 def late_reply(station: Station, data: bytes, received_at: float) -> NoReply | None:
-    """Return the error of a reply to an older unanswered request, None where ``data`` is none.
+    """Return the error of a reply to an older unanswered request of ours, None where ``data`` is none.
 
     Replies of some families fit several requests: the newest one gives the shortest lateness that is possible.
     """
     for unanswered in reversed(station.unanswered_requests):
-        reply = station.decode_reply_to(unanswered.request, data) if received_at < unanswered.until else None
+        if unanswered.is_foreign or received_at >= unanswered.until:
+            continue
+        reply = station.decode_reply_to(unanswered.request, data)
         if reply is not None and reply.size == len(data):
             return _late_error(station, unanswered.tx_end_at, received_at)
     return None

@@ -154,6 +154,8 @@ class UnansweredRequest(NamedTuple):
     request: Any
     tx_end_at: float
     """Its last bit on the wire."""
+    is_foreign: bool = False
+    """Whether it seems to be of another master: a wrong mirrored reply looks like such a request."""
 
 
 class Station:
@@ -351,10 +353,13 @@ class Station:
         self.sync_probe_count += 1
         return other
 
-    def remember_unanswered(self, request: Any, tx_end_at: float, now: float) -> None:
+    def remember_unanswered(self, request: Any, tx_end_at: float, now: float, *, is_foreign: bool = False) -> None:
         """Record that the reply may still come, also where another frame was received and rejected in its place."""
         pending = [entry for entry in self.unanswered_requests if entry.until > now]
-        self.unanswered_requests = [*pending, UnansweredRequest(now + ANY_REPLY_LATENESS_S, request, tx_end_at)]
+        self.unanswered_requests = [
+            *pending,
+            UnansweredRequest(now + ANY_REPLY_LATENESS_S, request, tx_end_at, is_foreign),
+        ]
 
     def decode_reply_to(self, request: Any, data: bytes) -> DecodedFrame | None:
         """Return the reply to ``request`` at the start of ``data``, None where there is none."""

@@ -135,7 +135,7 @@ class UnsolicitedBytes:
         """Mark the station suspect that may still reply to another master."""
         foreign, self.foreign_request = self.foreign_request, None
         if foreign is not None and (station := self._stations.get(foreign.address)) is not None:
-            station.remember_unanswered(foreign.request, foreign.received_at, now)
+            station.remember_unanswered(foreign.request, foreign.received_at, now, is_foreign=True)
             self._scheduler.mark_suspect(station, now)
 
     def _begin_foreign_request(self, data: bytes, received_at: float, now: float) -> None:
@@ -224,13 +224,9 @@ class UnsolicitedBytes:
             )
             if kind is TraceKind.DUPLICATE or late_duplicate:
                 station.record_duplicate_reply(now)
-            if kind is TraceKind.LATE:
-                station.last_frame = data
-                station.failure_reason = (
-                    late_reply(station, data, received_at)
-                    or late_reply_to_last_request(station, data, received_at)
-                    or station.failure_reason
-                )
+            reason = late_reply(station, data, received_at) or late_reply_to_last_request(station, data, received_at)
+            if kind is TraceKind.LATE and reason is not None:  # else it answers no request, and may come to each one
+                station.last_frame, station.failure_reason = data, reason
             if kind is TraceKind.DUPLICATE or (kind is TraceKind.FOREIGN and frame.message is None):
                 self._scheduler.mark_suspect(station, now)
         elif kind is TraceKind.UNSOLICITED:
