@@ -102,7 +102,7 @@ def test_an_open_question_of_an_older_file_does_not_widen_the_choice(tmp_path: P
     """``profile new`` wrote an open question of this name before the step was an option."""
     more = '[open_questions.setpoint_step]\nassumed = "0.1"\nwhere = "-"\ntext = "?"\nreason = "?"\nprocedure = "?"\n'
     profile = edited(tmp_path, more)
-    assert [one.name for one in profile.open_questions].count("setpoint_step") == 1
+    assert [question.name for question in profile.open_questions].count("setpoint_step") == 1
     assert profile.question("setpoint_step").choices == ("unknown", "0.01", "0.1")
 
 
@@ -200,7 +200,7 @@ def test_the_plan_of_the_calibration_shows_the_word_before_the_start() -> None:
     (step,) = calibration_steps(dialect)
     planned = dict(step.plan(dialect))
     assert [*planned] == ["state", "set_frequency", "start"]
-    assert [(one.register, one.value) for one in planned["set_frequency"]] == [(SETPOINT, 50)]
+    assert [(write.register, write.value) for write in planned["set_frequency"]] == [(SETPOINT, 50)]
 
 
 def test_no_model_has_a_look_alike_of_its_maker_that_turns_faster_at_the_same_frames_and_no_cap() -> None:
@@ -223,12 +223,12 @@ def test_no_model_has_a_look_alike_of_its_maker_that_turns_faster_at_the_same_fr
         and profile.setpoint_rpm is None
     ]
     faster = [
-        (one.model, other.model)
-        for one in plain
+        (model.model, other.model)
+        for model in plain
         for other in plain
-        if frames(one) == frames(other)
-        and other.setpoint_scale.factor > one.setpoint_scale.factor
-        and "setpoint_step" not in one.options
+        if frames(model) == frames(other)
+        and other.setpoint_scale.factor > model.setpoint_scale.factor
+        and "setpoint_step" not in model.options
     ]
     assert faster == []
 

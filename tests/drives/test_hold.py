@@ -115,7 +115,7 @@ def test_a_paused_drive_does_not_run_when_its_stop_is_lost() -> None:
 
     bus.on_request = stops
     bus.run(stop(operation_for(bus.dialect)))
-    words = [one.value for one in bus.sent(modbus.WriteRegister)]
+    words = [write.value for write in bus.sent(modbus.WriteRegister)]
     assert words[:3] == [0x0002] * 3 and words[-1] == 0x0000
 
 
@@ -145,7 +145,7 @@ def test_a_motor_in_reverse_is_not_turned_by_what_follows_a_rejected_stop() -> N
     station = RejectsStops(registers={STATUS: 0xC009})
     bus = PureBus(dialect=dialect_for("vc660"), station=station)
     outcome = bus.run(stop(operation_for(bus.dialect)))
-    words = [one.value for one in bus.sent(modbus.WriteRegister)]
+    words = [write.value for write in bus.sent(modbus.WriteRegister)]
     assert outcome.status is OutcomeStatus.CONFIRMED and all(word & 0x0002 for word in words[:4])
 
 
@@ -188,7 +188,7 @@ def test_an_unanswered_ramp_hold_is_ended_at_once() -> None:
     op = operation_for(bus.dialect)
     outcome = bus.run(hold_ramp(op, 5.0))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.ramp_hold_unanswered")
-    assert [one.value for one in bus.sent(modbus.WriteRegister)] == [0x0100, 0x0000]
+    assert [write.value for write in bus.sent(modbus.WriteRegister)] == [0x0100, 0x0000]
     assert bus.now < 5.0 and not op.may_be_running
 
 
@@ -214,7 +214,7 @@ def paused_bus(output_hz: float, profile: DriveProfile | None = None) -> tuple[P
 
 def words(bus: PureBus) -> list[int]:
     """Return the command words that were sent."""
-    return [one.value for one in bus.sent(modbus.WriteRegister, register=COMMANDS)]
+    return [write.value for write in bus.sent(modbus.WriteRegister, register=COMMANDS)]
 
 
 def test_a_motor_that_still_turns_during_its_pause_runs_again_in_its_direction() -> None:
@@ -287,7 +287,7 @@ def test_a_start_does_not_end_a_pause_in_fault_that_appears_after_its_checks() -
     bus.on_request = trips
     outcome = bus.run(run(operation_for(bus.dialect), 20.0, None))
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_started")
-    assert [one.register for one in bus.sent(modbus.WriteRegister)] == [0x2001]
+    assert [write.register for write in bus.sent(modbus.WriteRegister)] == [0x2001]
 
 
 @pytest.mark.parametrize(("before", "after"), [(0x0029, 0x0001), (0x0001, 0x0029)], ids=["stopped", "paused"])
@@ -302,7 +302,7 @@ def test_a_start_does_not_follow_a_stop_or_a_pause_by_another_program_after_its_
     bus.on_request = changes
     outcome = bus.run(run(operation_for(bus.dialect), 20.0, None))
     assert (outcome.status, outcome.key) == (OutcomeStatus.FAILED, "drives.not_started")
-    assert [one.register for one in bus.sent(modbus.WriteRegister)] == [0x2001]
+    assert [write.register for write in bus.sent(modbus.WriteRegister)] == [0x2001]
 
 
 @pytest.mark.parametrize("before", [0x0009, 0x0029], ids=["running", "paused"])
@@ -606,7 +606,7 @@ def test_a_motor_that_another_program_has_reversed_is_not_turned_back_by_a_hold(
     bus.run(operation_for(bus.dialect).read_verified_state())
     station.registers[STATUS] = 0xC009
     bus.run(operation(operation_for(bus.dialect)))
-    words = [one.value for one in bus.sent(modbus.WriteRegister, register=COMMANDS)]
+    words = [write.value for write in bus.sent(modbus.WriteRegister, register=COMMANDS)]
     assert words and all(word & 0x0004 for word in words)
 
 
@@ -620,7 +620,7 @@ def test_a_motor_that_another_program_reverses_during_a_ramp_hold_is_not_turned_
 
     bus.on_request = reverses
     bus.run(hold_ramp(operation_for(bus.dialect), 1.0))
-    assert [one.value for one in bus.sent(modbus.WriteRegister)] == [0x0100, 0x0004]
+    assert [write.value for write in bus.sent(modbus.WriteRegister)] == [0x0100, 0x0004]
 
 
 def test_a_start_during_a_slow_ramp_to_the_pause_is_no_overspeed() -> None:
@@ -746,7 +746,7 @@ def test_the_end_of_a_ramp_hold_does_not_expire_with_its_request() -> None:
     op.age = CommandAge(requested_at=0.0, checks_started_at=None)
     outcome = bus.run(hold_ramp(op, 5.0))
     assert (outcome.status, outcome.key) == (OutcomeStatus.ACKNOWLEDGED, "drives.ramp_held")
-    assert [one.value for one in bus.sent(modbus.WriteRegister)] == [0x0100, 0x0000]
+    assert [write.value for write in bus.sent(modbus.WriteRegister)] == [0x0100, 0x0000]
 
 
 def test_a_ramp_hold_whose_end_the_drive_rejects_is_ended_by_a_stop() -> None:
@@ -754,7 +754,7 @@ def test_a_ramp_hold_whose_end_the_drive_rejects_is_ended_by_a_stop() -> None:
     bus.station.words = (0x0000,)  # type: ignore[attr-defined]
     outcome = bus.run(hold_ramp(operation_for(bus.dialect), 1.0))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.ramp_hold_unknown")
-    assert any(one.value & 0x0002 for one in bus.sent(modbus.WriteRegister))
+    assert any(write.value & 0x0002 for write in bus.sent(modbus.WriteRegister))
 
 
 def test_a_ramp_hold_whose_end_the_bus_forbids_is_ended_by_a_stop() -> None:
@@ -768,7 +768,7 @@ def test_a_ramp_hold_whose_end_the_bus_forbids_is_ended_by_a_stop() -> None:
     bus.on_request = inhibits
     outcome = bus.run(hold_ramp(operation_for(bus.dialect), 1.0))
     assert (outcome.status, outcome.key) == (OutcomeStatus.UNKNOWN, "drives.ramp_hold_unknown")
-    words = [one.value for one in bus.sent(modbus.WriteRegister)]
+    words = [write.value for write in bus.sent(modbus.WriteRegister)]
     assert words[0] == 0x0100 and words[1] & 0x0002
 
 

@@ -68,7 +68,7 @@ def test_the_code_is_read_by_the_identity_read_alone() -> None:
     dialect: Any = create_dialect(profiles.load("gd10"), 3)
     assert dialect.identity_reads() == (ReadRegisters(3, 0x2103, 1),)
     polled = [request for request, _ in dialect.polls(tuple(dialect.profile.signals))]
-    assert all(0x2103 not in range(one.register, one.register + one.count) for one in polled)
+    assert all(0x2103 not in range(read.register, read.register + read.count) for read in polled)
     assert dialect.decode_identity((RegisterValues(3, 3, (0x010C,)),)).models == ("gd200", "gd200l")
     assert dialect.decode_identity((None,)).reported is False
 

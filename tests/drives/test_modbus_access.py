@@ -46,7 +46,7 @@ def every_read(dialect: Any) -> list[Any]:
     reads = [request for request, _ in dialect.polls(tuple(profile.signals))]
     reads += [request for name in profile.signals for request, _ in dialect.polls((name,))]
     reads += [*dialect.fault_reads(), *dialect.setpoint_reads(), dialect.echo_test_read()]
-    reads += [dialect.read_parameter(one) for one in profile.parameters.values() if one.readable]
+    reads += [dialect.read_parameter(parameter) for parameter in profile.parameters.values() if parameter.readable]
     return [*reads, *filter(None, [dialect.model_check()])]
 
 

@@ -34,7 +34,7 @@ def test_every_read_of_a_register_of_a_block_is_a_read_of_all_of_it() -> None:
     reads = [request for request, _ in dialect.polls(("output_frequency", "output_current", "temperature"))]
     assert reads == [ReadRegisters(1, 0x0500, 1), ReadRegisters(1, 0x0502, 1), BLOCK]
     whole = modbus.RegisterValues(1, 3, (12, 2300, 310, 0, 41))
-    found = {name: one.value for name, one in dialect.decode_readings(BLOCK, whole, 1.0).items()}
+    found = {name: reading.value for name, reading in dialect.decode_readings(BLOCK, whole, 1.0).items()}
     assert found == {"output_current": 1.2, "output_voltage": 230.0, "dc_bus_voltage": 310.0, "temperature": 41.0}
 
 

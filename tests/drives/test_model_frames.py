@@ -88,7 +88,7 @@ def readings_of(dialect: Any, line: dict[str, Any]) -> Any:
     return dialect.decode_readings(*decoded(dialect.codec, line), 1.0)
 
 
-@pytest.mark.parametrize("line", [one for one in LINES if "command" in one["meaning"]], ids=lambda one: one["id"])
+@pytest.mark.parametrize("line", [line for line in LINES if "command" in line["meaning"]], ids=lambda line: line["id"])
 def test_a_command_is_the_frame_of_its_source(line: dict[str, Any]) -> None:
     """A command that the profile does not offer is never sent, and never taken for a stop."""
     dialect, frame = dialect_of(line), bytes.fromhex(line["request"])
@@ -104,14 +104,16 @@ def test_a_command_is_the_frame_of_its_source(line: dict[str, Any]) -> None:
         )
 
 
-@pytest.mark.parametrize("line", [one for one in LINES if "setpoint_hz" in one["meaning"]], ids=lambda one: one["id"])
+@pytest.mark.parametrize(
+    "line", [line for line in LINES if "setpoint_hz" in line["meaning"]], ids=lambda line: line["id"]
+)
 def test_a_frequency_is_the_word_of_its_source(line: dict[str, Any]) -> None:
     dialect = dialect_of(line)
     word = dialect.setpoint_word(line["meaning"]["setpoint_hz"])
     assert bytes.fromhex(line["request"]) in frames_of(dialect, dialect.set_frequency(word, ReadingPairs()))
 
 
-@pytest.mark.parametrize("line", [one for one in LINES if "signal" in one["meaning"]], ids=lambda one: one["id"])
+@pytest.mark.parametrize("line", [line for line in LINES if "signal" in line["meaning"]], ids=lambda line: line["id"])
 def test_a_reading_is_the_value_of_its_source(line: dict[str, Any]) -> None:
     readings, name = readings_of(dialect_of(line), line), line["meaning"]["signal"]
     assert (name not in readings) is (line["id"] in NOT_OFFERED)
@@ -122,7 +124,7 @@ def test_a_reading_is_the_value_of_its_source(line: dict[str, Any]) -> None:
     assert (reading.quality is not Quality.GOOD) is (line["id"] in UNCERTAIN)
 
 
-@pytest.mark.parametrize("line", [one for one in LINES if "state" in one["meaning"]], ids=lambda one: one["id"])
+@pytest.mark.parametrize("line", [line for line in LINES if "state" in line["meaning"]], ids=lambda line: line["id"])
 def test_a_state_is_that_of_its_source(line: dict[str, Any]) -> None:
     dialect = dialect_of(line)
     reading, status = readings_of(dialect, line)["state"], dialect.profile.status
@@ -134,24 +136,24 @@ def test_a_state_is_that_of_its_source(line: dict[str, Any]) -> None:
         assert name == expected
 
 
-@pytest.mark.parametrize("line", [one for one in LINES if "fault" in one["meaning"]], ids=lambda one: one["id"])
+@pytest.mark.parametrize("line", [line for line in LINES if "fault" in line["meaning"]], ids=lambda line: line["id"])
 def test_a_fault_is_the_number_of_its_source(line: dict[str, Any]) -> None:
     dialect = dialect_of(line)
     readings = readings_of(dialect, line)
-    ((_, reading),) = [(name, one) for name, one in readings.items() if name.startswith("fault_")]
+    ((_, reading),) = [(name, reading) for name, reading in readings.items() if name.startswith("fault_")]
     status = dialect.profile.status
     number = status.fault_number(reading.raw) if status.numbers_fault else (reading.raw & -reading.raw).bit_length() - 1
     assert number == line["meaning"]["fault"]
 
 
 @pytest.mark.parametrize(
-    "line", [one for one in LINES if {"register", "parameter"} & set(one["meaning"])], ids=lambda one: one["id"]
+    "line", [line for line in LINES if {"register", "parameter"} & set(line["meaning"])], ids=lambda line: line["id"]
 )
 def test_a_parameter_is_the_value_of_its_source(line: dict[str, Any]) -> None:
     dialect, meaning = dialect_of(line), line["meaning"]
     parameters = dialect.profile.parameters.values()
-    found = [one for one in parameters if one.notation == meaning.get("parameter")]
-    found += [one for one in parameters if one.locator == ("holding", meaning.get("register"))]
+    found = [parameter for parameter in parameters if parameter.notation == meaning.get("parameter")]
+    found += [parameter for parameter in parameters if parameter.locator == ("holding", meaning.get("register"))]
     assert (not found) is (line["id"] in NOT_OFFERED)
     if not found:
         return
@@ -160,7 +162,7 @@ def test_a_parameter_is_the_value_of_its_source(line: dict[str, Any]) -> None:
     assert found[0].scale.value(dialect.parameter_raw(reply)) == pytest.approx(meaning["value"])
 
 
-@pytest.mark.parametrize("line", [one for one in LINES if "writes" in one["meaning"]], ids=lambda one: one["id"])
+@pytest.mark.parametrize("line", [line for line in LINES if "writes" in line["meaning"]], ids=lambda line: line["id"])
 def test_a_write_of_command_and_frequency_at_once_counts_as_motion(line: dict[str, Any]) -> None:
     dialect = dialect_of(line)
     message, reply = decoded(dialect.codec, line)
@@ -169,10 +171,10 @@ def test_a_write_of_command_and_frequency_at_once_counts_as_motion(line: dict[st
     assert dialect.station_config.effect_of(bytes.fromhex(line["request"])) is Effect.MOTION
 
 
-@pytest.mark.parametrize("line", LINES, ids=lambda one: one["id"])
+@pytest.mark.parametrize("line", LINES, ids=lambda line: line["id"])
 def test_each_worked_frame_names_its_model_its_source_and_whether_it_was_printed(line: dict[str, Any]) -> None:
     assert set(line) <= {"id", "model", "request", "reply", "meaning", "printed", "source"}
-    assert line["id"].startswith(line["model"]) and [one["id"] for one in LINES].count(line["id"]) == 1
+    assert line["id"].startswith(line["model"]) and [other["id"] for other in LINES].count(line["id"]) == 1
     assert line["source"].startswith(("manual", "sister manual", "program", "recorded", "gist"))
     assert line["printed"] or "computed" in line["source"] or line["model"] == "fr_e500"
 

@@ -807,7 +807,7 @@ def test_a_monitor_takes_only_polled_values_from_a_command() -> None:
                 await drive.read(("dc_bus_voltage", "output_frequency"))
                 await asyncio.sleep(0)
                 readings = monitor.status().readings
-                assert {name for name, one in readings.items() if one.value is not None} == {"output_frequency"}
+                assert {name for name, reading in readings.items() if reading.value is not None} == {"output_frequency"}
                 age_s = readings["output_frequency"].age_s(drive.bus.now())
                 assert age_s is not None and age_s < 1.0
 

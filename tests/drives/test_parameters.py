@@ -196,7 +196,7 @@ def test_the_users_own_budget_holds_over_restarts(tmp_path: Path) -> None:
                 return False
 
     tries = [(0, 10.0), (2, 11.0), (2, 12.0), (2, 13.0), (3, 14.0), (3, 15.0), (0, 16.0)]
-    assert [run_virtual(saved(*one)) for one in tries] == [False, True, True, False, True, False, False]
+    assert [run_virtual(saved(*attempt)) for attempt in tries] == [False, True, True, False, True, False, False]
 
 
 def test_a_save_is_counted_before_it_is_sent() -> None:

@@ -208,7 +208,7 @@ def change_the_maximum_with_the_next_setpoint(station: Any, word: int) -> None:
 
 def without_set_frequency(model: str) -> DriveProfile:
     profile = profiles.load(model)
-    return replace(profile, signals={n: one for n, one in profile.signals.items() if n != "set_frequency"})
+    return replace(profile, signals={n: signal for n, signal in profile.signals.items() if n != "set_frequency"})
 
 
 def test_a_start_is_withheld_where_the_maximum_was_changed_after_its_read() -> None:
@@ -333,7 +333,7 @@ def test_a_goodrive_20_shows_its_ramp_times() -> None:
             await drive.preflight()
             assert drive.acceleration_s == 2.0
             shown = await drive.read(["P00.11", "P00.12"])
-            assert [one.value for one in shown.values()] == [2.0, 2.0]
+            assert [reading.value for reading in shown.values()] == [2.0, 2.0]
 
     story(tell)
 
@@ -363,5 +363,5 @@ def test_the_state_is_unknown_until_the_fault_register_was_read() -> None:
 
 def test_a_jog_without_a_stop_of_its_own_ends_with_the_ordinary_stop() -> None:
     dialect: Any = create_dialect(profiles.load("skf8000"), 3)
-    assert [one.value for one in dialect.stop(StopMode.JOG_STOP)] == [6]
-    assert [one.value for one in dialect.stop(StopMode.COAST)] == [5]
+    assert [write.value for write in dialect.stop(StopMode.JOG_STOP)] == [6]
+    assert [write.value for write in dialect.stop(StopMode.COAST)] == [5]

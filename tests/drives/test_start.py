@@ -70,7 +70,7 @@ def test_a_start_stops_a_drive_that_two_reads_show_too_fast(
 
     def show(ask: Any) -> None:
         if bus.effects():
-            reads = len([one for one in bus.requests if isinstance(one.request, sunfar.ReadMonitor)])
+            reads = len([sent for sent in bus.requests if isinstance(sent.request, sunfar.ReadMonitor)])
             fake.output = shown[reads % 2] if fake.state == state else 0
 
     bus.on_request = show

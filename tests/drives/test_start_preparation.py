@@ -355,4 +355,4 @@ def test_of_all_words_only_the_listed_ones_are_sent_and_only_the_starts_may_move
 def test_a_profile_whose_preparation_could_start_is_rejected(tmp_path: Path, old: str, new: str, kind: str) -> None:
     with pytest.raises(ProfileError) as caught:
         load(tmp_path, DRIVECOM.replace(old, new, 1))
-    assert kind in [one.kind for one in caught.value.params["diagnostics"]]
+    assert kind in [diagnostic.kind for diagnostic in caught.value.params["diagnostics"]]

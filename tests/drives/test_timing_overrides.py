@@ -40,8 +40,8 @@ def test_each_drive_has_the_silence_before_its_frames_that_it_was_given() -> Non
             seen = watched(bench)
             for drive in (plain, plain, slow, plain):
                 assert (await bench.bus.transact(ask(drive))).error is None
-            sent = [one for one in seen if one.kind is TraceKind.SENT]
-            received = [one for one in seen if one.kind is TraceKind.REPLY]
+            sent = [event for event in seen if event.kind is TraceKind.SENT]
+            received = [event for event in seen if event.kind is TraceKind.REPLY]
             gaps = [later.time - before.time for before, later in zip(received, sent[1:], strict=False)]
             assert gaps == pytest.approx([5 * CHARACTER_S, 40 * CHARACTER_S, 40 * CHARACTER_S]), (
                 "its reply needs it too"
@@ -75,8 +75,8 @@ def test_a_broadcast_leaves_the_turnaround_that_was_given() -> None:
             await drive.status()
             seen = watched(bench)
             await stop_bus(bench.bus, [drive])
-            sent = [one for one in seen if one.kind is TraceKind.SENT]
-            first = next(n for n, one in enumerate(sent) if one.data[1:3] == b"1F")
+            sent = [event for event in seen if event.kind is TraceKind.SENT]
+            first = next(n for n, event in enumerate(sent) if event.data[1:3] == b"1F")
             end = sent[first].time + len(sent[first].data) * CHARACTER_S
             return sent[first + 1].time - end
 
@@ -102,8 +102,8 @@ def test_a_time_that_is_none_or_never_ends_is_refused(name: str, value: float) -
 
 def test_the_longest_waits_of_a_profile_are_far_below_the_time_after_which_a_bus_is_never_silent(tmp_path: Any) -> None:
     slowest = [profiles.load(name) for name in profiles.models()]
-    assert max(one.timing.gap_floor_s for one in slowest) <= MAX_GAP_S <= SILENCE_TIMEOUT_S / 4
-    assert max(one.timing.reply_delay_s for one in slowest) <= MAX_WAIT_S
+    assert max(profile.timing.gap_floor_s for profile in slowest) <= MAX_GAP_S <= SILENCE_TIMEOUT_S / 4
+    assert max(profile.timing.reply_delay_s for profile in slowest) <= MAX_WAIT_S
     path = tmp_path / "slowest.toml"
     path.write_text(
         'format = 1\nextends = "c320"\n[timing]\n'
@@ -124,6 +124,6 @@ def test_a_silent_drive_with_the_longest_reply_delay_holds_back_the_stop_of_anot
             sent = watched(bench)
             await other.stop()
             await waiting
-            return next(one.time for one in sent if one.kind is TraceKind.SENT and one.time > begun) - begun
+            return next(event.time for event in sent if event.kind is TraceKind.SENT and event.time > begun) - begun
 
     assert run_virtual(scenario()) < MAX_WAIT_S + 0.1

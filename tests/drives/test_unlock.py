@@ -222,10 +222,10 @@ def test_every_read_is_the_block_or_one_register_and_function_4_reads_the_block_
     assert {dialect.station_config.sync_request(n) for n in range(4)} | {dialect.sync_request()} == {probe}
     assert [request for request, _ in dialect.polls(tuple(profile.signals))] == [ReadRegisters(1, 24, 6)]
     station = ProfileStation(1, profile=profile)
-    replies = [station.handle_request(one, station.codecs[0]) for one in (probe, ReadRegisters(1, 24, 6))]
+    replies = [station.handle_request(read, station.codecs[0]) for read in (probe, ReadRegisters(1, 24, 6))]
     assert replies[0].values == replies[1].values and replies[0].function == 4
     refused = [ReadRegisters(1, 24, 5), ReadRegisters(1, 26, 1, 4), ReadRegisters(1, 25, 6, 4)]
-    assert all(isinstance(station.handle_request(one, station.codecs[0]), modbus.ExceptionReply) for one in refused)
+    assert all(isinstance(station.handle_request(read, station.codecs[0]), modbus.ExceptionReply) for read in refused)
 
 
 STANDS = "{ mask = 15, value = 3 }"
@@ -257,7 +257,7 @@ def test_a_profile_whose_unlock_or_sync_block_can_not_work_is_rejected(tmp_path:
     path.write_text(ALONE + text, encoding="utf-8")
     with pytest.raises(ProfileError) as caught:
         profiles.load(path)
-    assert kind in [one.kind for one in caught.value.params["diagnostics"]]
+    assert kind in [diagnostic.kind for diagnostic in caught.value.params["diagnostics"]]
 
 
 def with_commands(**changes: Any) -> DriveProfile:

@@ -185,7 +185,7 @@ EXEMPT = {"vc660", "df800"}  # graded higher, with words of bits: named in docs/
 
 def test_no_station_of_another_model_passes_for_one_whose_stop_starts_it() -> None:
     """Every included model is read by the check of every other whose stop or reset starts it."""
-    pairs = {(one.model, one.other) for one in collisions()}
+    pairs = {(collision.model, collision.other) for collision in collisions()}
     assert len(pairs) >= 20
     for model, other in sorted(pairs):
         dialect: Any = create_dialect(profiles.load(model), 3, encoding="rtu")
