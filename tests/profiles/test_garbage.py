@@ -41,10 +41,12 @@ def judged(data: dict[str, Any]) -> str:
         if not found:
             return build_profile(given, "garbage").model and "accepted"
     sentences = [
-        diagnostics.to_diagnostic(one, "garbage.toml", 1).text(language) for one in found for language in ("en", "zh")
+        diagnostics.to_diagnostic(issue, "garbage.toml", 1).text(language)
+        for issue in found
+        for language in ("en", "zh")
     ]
     assert not any("profiles." in sentence.split("：")[0] for sentence in sentences)
-    return ",".join(one.kind for one in found)
+    return ",".join(issue.kind for issue in found)
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)

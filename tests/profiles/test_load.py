@@ -279,4 +279,4 @@ def test_a_key_that_is_no_16_bit_number_is_an_issue_of_the_file(tmp_path: Path, 
     file.write_text(table, encoding="utf-8")
     with pytest.raises(ProfileError) as caught:
         profiles.load(file)
-    assert [one.kind for one in caught.value.params["diagnostics"]] == ["number"]
+    assert [diagnostic.kind for diagnostic in caught.value.params["diagnostics"]] == ["number"]

@@ -53,7 +53,7 @@ def test_every_sentence_of_a_profile_is_there_in_chinese(model: str) -> None:
 def test_every_kind_of_wire_address_has_its_word(model: str) -> None:
     """``drivebus read`` printed the key of the missing word for a Huanyang HY and for ``coil:0049H``."""
     profile = profiles.load(model)
-    spaces = {one.locator[0] for one in (*profile.signals.values(), *profile.parameters.values())}
+    spaces = {item.locator[0] for item in (*profile.signals.values(), *profile.parameters.values())}
     if profile.family == "modbus":  # every register, input and coil can be read by its address
         spaces |= set(READ_FUNCTION_BY_SPACE)
     assert spaces and all(i18n.known(f"read.space_{space}") for space in spaces)
@@ -217,8 +217,10 @@ def test_vc660_has_the_factory_settings_of_its_manual() -> None:
     """F01.00 had none. Its 0 is why a drive fresh from the box takes no command from the bus."""
     manual = {"F00.01": 2, "F01.00": 0, "F06.02": 0, "F06.03": 0, "F06.04": 5, "F06.05": 0, "F06.06": 4, "F06.07": 0}
     vc660 = profiles.load("vc660")
-    parameters = [*vc660.parameters.values(), *(one.parameter for one in vc660.unplaced.values())]
-    assert {one.notation: one.factory for one in parameters if one.factory is not None} == manual
+    parameters = [*vc660.parameters.values(), *(unplaced.parameter for unplaced in vc660.unplaced.values())]
+    assert {
+        parameter.notation: parameter.factory for parameter in parameters if parameter.factory is not None
+    } == manual
 
 
 def test_vc660_status_registers_read_as_the_worked_example() -> None:
@@ -502,7 +504,7 @@ def test_a_range_that_no_manual_gives_is_not_shown_as_the_manuals(model: str, pa
     [("c320", "emergency_end"), ("dzb100", "run_command"), ("dzb100", "fault_record"), ("df800", "jog_end")],
 )
 def test_what_the_manual_leaves_open_and_drivebus_assumes_is_an_open_question(model: str, question: str) -> None:
-    assert question in {one.name for one in profiles.load(model).open_questions}
+    assert question in {open_question.name for open_question in profiles.load(model).open_questions}
 
 
 def test_the_nibble_option_does_not_call_the_checksum_of_example_4_5_packed() -> None:
@@ -513,7 +515,7 @@ def test_the_nibble_option_does_not_call_the_checksum_of_example_4_5_packed() ->
     assert sum(printed["c320-4.5-request-hex"][1:-5]) == 0x12
     assert sum(printed["c320-4.6-request-hex"][1:-5]) == printed["c320-4.6-request-hex"][-2] == 0x1E
     for model in ("c320", "e550"):
-        question = next(one for one in profiles.load(model).open_questions if one.name == "nibble")
+        question = next(question for question in profiles.load(model).open_questions if question.name == "nibble")
         assert (
             "4.5 is nibbles to its checksum" in question.reason.en
             and "4.5 的请求连校验和也是半字节" in question.reason.zh
