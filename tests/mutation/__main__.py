@@ -55,7 +55,7 @@ def main() -> int:
     settle_hypothesis()
     remaining: list[JudgedMutant] = []
     for modules, tests in MUTATED_MODULES:
-        wanted = [name for name in modules if not chosen.modules or any(one in name for one in chosen.modules)]
+        wanted = [name for name in modules if not chosen.modules or any(part in name for part in chosen.modules)]
         if wanted:
             began = time.monotonic()
             without = [f"--deselect={test}" for test in chosen.deselect]
@@ -66,8 +66,8 @@ def main() -> int:
             if chosen.write:
                 make_document = retried_document if chosen.again else mutation_document
                 pages.write(write_document(make_document(found, current_commit(ROOT, *MUTATED_SOURCES))))
-            remaining += [one for one in found if one.verdict in (SURVIVED, UNTESTED)]
-    return int(any(unexplained_survivors(one) for one in remaining))
+            remaining += [mutant for mutant in found if mutant.verdict in (SURVIVED, UNTESTED)]
+    return int(any(unexplained_survivors(mutant) for mutant in remaining))
 
 
 def _mutant_filter(kind: str | None, *, survivors_only: bool) -> MutantFilter:
@@ -84,7 +84,7 @@ def _mutant_filter(kind: str | None, *, survivors_only: bool) -> MutantFilter:
 
 def try_mutants(modules: list[str], tests: list[str], wanted: MutantFilter, jobs: int) -> list[JudgedMutant]:
     found, names = try_in_functions(modules, tests, wanted, jobs)
-    again = [one for one in found if one.reloaded and one.verdict == SURVIVED]
+    again = [mutant for mutant in found if mutant.reloaded and mutant.verdict == SURVIVED]
     print(f"{len(found)} tried, {len(again)} to be reloaded", file=sys.stderr, flush=True)
     for mutant in retry_reloaded(again, names, jobs):
         if mutant.verdict == SURVIVED:

@@ -73,8 +73,11 @@ SURVIVORS = {
 
 def rows(found: dict[str, Any]) -> list[str]:
     """Return one table row for each module, and the sum."""
-    made = [_row(module.removeprefix("drivebus."), one, one["commit"]) for module, one in found.items()]
-    total = {name: sum(one[name] for one in found.values()) for name in ("mutants", "comparisons", "at_load", "killed")}
+    made = [_row(module.removeprefix("drivebus."), figures, figures["commit"]) for module, figures in found.items()]
+    total = {
+        name: sum(figures[name] for figures in found.values())
+        for name in ("mutants", "comparisons", "at_load", "killed")
+    }
     return [*made, _row("**all**", total, "")]
 
 
@@ -86,9 +89,10 @@ def _row(name: str, row: dict[str, Any], commit: str) -> str:
 
 def survivors(found: dict[str, Any]) -> list[str]:
     return [
-        f"- `{module.removeprefix('drivebus.')}:{one['line']}` {one['scope']}: `{one['change']}`: {one['reason']}"
+        f"- `{module.removeprefix('drivebus.')}:{survivor['line']}` {survivor['scope']}: "
+        f"`{survivor['change']}`: {survivor['reason']}"
         for module, module_found in found.items()
-        for one in module_found["survivors"]
+        for survivor in module_found["survivors"]
     ]
 
 

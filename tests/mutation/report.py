@@ -119,24 +119,24 @@ def reported_modules() -> set[str]:
 def mutation_document(found: list[JudgedMutant], version: str) -> dict[str, Any]:
     """Return the figures and survivors by module."""
     made: dict[str, Any] = {}
-    for module in dict.fromkeys(one.module for one in found):
-        ours = [one for one in found if one.module == module]
+    for module in dict.fromkeys(mutant.module for mutant in found):
+        ours = [mutant for mutant in found if mutant.module == module]
         changes = mutants(tree_of(module))
-        left = [one for one in ours if one.verdict in (SURVIVED, UNTESTED)]
+        left = [mutant for mutant in ours if mutant.verdict in (SURVIVED, UNTESTED)]
         made[module] = {
             "commit": version,
             "mutants": len(ours),
-            "killed": sum(one.verdict in (KILLED, TIMEOUT) for one in ours),
-            "at_load": sum(changes[one.number].at_load for one in ours),
-            "comparisons": sum(changes[one.number].kind == "comparison" for one in ours),
+            "killed": sum(mutant.verdict in (KILLED, TIMEOUT) for mutant in ours),
+            "at_load": sum(changes[mutant.number].at_load for mutant in ours),
+            "comparisons": sum(changes[mutant.number].kind == "comparison" for mutant in ours),
             "survivors": [
                 {
-                    "line": changes[one.number].line,
-                    "scope": changes[one.number].scope,
-                    "kind": changes[one.number].kind,
-                    "change": changes[one.number].description(),
+                    "line": changes[mutant.number].line,
+                    "scope": changes[mutant.number].scope,
+                    "kind": changes[mutant.number].kind,
+                    "change": changes[mutant.number].description(),
                 }
-                for one in left
+                for mutant in left
             ],
         }
     return made

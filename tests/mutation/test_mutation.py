@@ -123,7 +123,9 @@ def test_the_pages_show_the_committed_figures_and_every_survivor_has_a_reason() 
 def test_every_reason_belongs_to_a_mutant() -> None:
     """A reason without a mutant would hide a survivor with the same key later."""
     modules = {module for modules, _ in MUTATED_MODULES for module in modules}
-    keys = {key(module, one.scope, one.description()) for module in modules for one in mutants(tree_of(module))}
+    keys = {
+        key(module, mutant.scope, mutant.description()) for module in modules for mutant in mutants(tree_of(module))
+    }
     assert sorted(set(json.loads(REASONS.read_text(encoding="utf-8"))) - keys) == []
 
 
@@ -134,6 +136,6 @@ def test_every_changed_comparison_of_the_permissives_is_detected() -> None:
     environment = os.environ | {"PYTHONPATH": str(ROOT / "tests")}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr[-2000:]
-    comparisons = [one for one in mutants(tree_of("drivebus.drives.permissives")) if one.kind == "comparison"]
+    comparisons = [mutant for mutant in mutants(tree_of("drivebus.drives.permissives")) if mutant.kind == "comparison"]
     assert len(comparisons) > 20 and f"{len(comparisons)} tried, 0 to be reloaded" in done.stderr
     assert done.stdout == ""
