@@ -96,6 +96,6 @@ def test_a_target_runs_under_atheris(name: str) -> None:
 def test_the_committed_report_has_every_decoder_and_no_crash() -> None:
     found = json.loads(REPORT.read_text(encoding="utf-8"))["decoders"]
     assert found.keys() == ATHERIS_TARGETS.keys()
-    for name, one in found.items():
-        assert (one["crashes"], one["runs"] >= 40_000) == (0, True), name
-        assert not one["commit"].endswith("-dirty") and one["features"] >= one["edges"] > 0
+    for name, figures in found.items():
+        assert (figures["crashes"], figures["runs"] >= 40_000) == (0, True), name
+        assert not figures["commit"].endswith("-dirty") and figures["features"] >= figures["edges"] > 0

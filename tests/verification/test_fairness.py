@@ -24,12 +24,12 @@ def test_another_seed_loses_other_replies() -> None:
 def test_probes_that_cost_more_than_a_tenth_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(station, "PROBE_BUS_SHARE", 0.3)
     monkeypatch.setattr(station, "MAX_PROBE_INTERVAL_S", 0.01)
-    assert any("stretch" in one for one in violations())
+    assert any("stretch" in violation for violation in violations())
 
 
 def test_a_drive_that_is_probed_too_rarely_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(station, "MAX_PROBE_INTERVAL_S", 60.0)
-    assert any("found after" in one for one in violations())
+    assert any("found after" in violation for violation in violations())
 
 
 def test_a_user_read_that_waits_for_the_next_probe_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -43,4 +43,4 @@ def test_a_user_read_that_waits_for_the_next_probe_is_found(monkeypatch: pytest.
         return None if head.station.state.is_unreachable else first(self, lane, now)  # type: ignore[arg-type]
 
     monkeypatch.setattr(Scheduler, "_next_sendable", patient)
-    assert any("found on demand" in one for one in violations(2))
+    assert any("found on demand" in violation for violation in violations(2))

@@ -88,8 +88,8 @@ def replace_attribute(target: Any, name: str, value: Any) -> PlantedFault:
 
 def both(*plants: PlantedFault) -> PlantedFault:
     def plant(patch: pytest.MonkeyPatch) -> None:
-        for one in plants:
-            one(patch)
+        for fault in plants:
+            fault(patch)
 
     return plant
 
@@ -109,10 +109,10 @@ def forget(unsolicited: UnsolicitedBytes, now: float) -> list[TraceEvent]:
 
 
 def anything_goes(
-    one: prepared_request.PreparedRequest, stations: Mapping[int, Station]
+    request: prepared_request.PreparedRequest, stations: Mapping[int, Station]
 ) -> prepared_request.PreparedRequest:
-    one.effect = Effect.STOP
-    return one
+    request.effect = Effect.STOP
+    return request
 
 
 def as_before(self: BusCore, address: int) -> Any:

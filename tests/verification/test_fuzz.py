@@ -80,7 +80,11 @@ def test_codec_and_reference_agree_on_valid_exchanges(entry: FuzzedCodec) -> Non
 
 with_broadcast = pytest.mark.parametrize(
     "entry",
-    [pytest.param(one, id=name) for name, one in FUZZED_CODECS.items() if one.codec.broadcast_address is not None],
+    [
+        pytest.param(entry, id=name)
+        for name, entry in FUZZED_CODECS.items()
+        if entry.codec.broadcast_address is not None
+    ],
 )
 
 

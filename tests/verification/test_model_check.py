@@ -59,7 +59,7 @@ class KnownStationState(GateState):
 def found(text: str, **options: Any) -> None:
     """Check that the search finds the planted hole."""
     findings = explored(**options).findings
-    assert any(text in one for one in findings), findings[:1]
+    assert any(text in finding for finding in findings), findings[:1]
 
 
 # --- the permit monitor's own reading of bytes ---------------------------------------------------------------------
@@ -152,13 +152,13 @@ def test_every_attribute_of_the_bus_is_known_to_the_campaign() -> None:
 
 
 def test_a_copy_is_independent() -> None:
-    one = GateState(model_subject("vc660", CommandKind.START, COARSE))
+    state = GateState(model_subject("vc660", CommandKind.START, COARSE))
     for event in ("open", "step", "read", "stop"):
-        one = one.copy().apply(event)
-    before = one.state_key()
+        state = state.copy().apply(event)
+    before = state.state_key()
     for event in ("step", "lose", "inhibit", "remove", "stop"):
-        one.copy().apply(event)
-        assert one.state_key() == before
+        state.copy().apply(event)
+        assert state.state_key() == before
 
 
 def test_a_copied_bus_looks_up_the_sender_of_unsolicited_bytes_among_its_own_stations() -> None:
@@ -288,15 +288,17 @@ def test_a_registered_station_that_forgets_its_inhibit_is_found(monkeypatch: pyt
 
 def test_a_start_classified_as_a_setting_is_found() -> None:
     """The permit monitor reads the bytes itself."""
-    one = model_subject("c320", CommandKind.RESET, COARSE)
+    subject = model_subject("c320", CommandKind.RESET, COARSE)
     start = model_subject("c320", CommandKind.START, COARSE).frames
-    one.frames, one.permit_needs = start, {}
-    right = one.dialect.station_config.effect_of
+    subject.frames, subject.permit_needs = start, {}
+    right = subject.dialect.station_config.effect_of
     wrong = {Effect.MOTION: Effect.SETTING}
-    one.dialect.station_config = replace(
-        one.dialect.station_config, effect_of=lambda frame: wrong.get(right(frame), right(frame))
+    subject.dialect.station_config = replace(
+        subject.dialect.station_config, effect_of=lambda frame: wrong.get(right(frame), right(frame))
     )
-    findings = StateSearch(one, SearchDomain(rare=False, small=True, without=EVERYTHING), 3000).run(first=True).findings
+    findings = (
+        StateSearch(subject, SearchDomain(rare=False, small=True, without=EVERYTHING), 3000).run(first=True).findings
+    )
     assert findings and "left without" in findings[0]
 
 

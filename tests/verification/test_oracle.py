@@ -201,7 +201,9 @@ def test_i4_a_reading_whose_time_is_moved_is_found(campaign_run: CampaignRun, mo
 
 
 def _refreshed(status: DriveStatus, now: float) -> DriveStatus:
-    return replace(status, readings={name: replace(one, source_time=now) for name, one in status.readings.items()})
+    return replace(
+        status, readings={name: replace(reading, source_time=now) for name, reading in status.readings.items()}
+    )
 
 
 def test_i5_an_accepted_late_reply_is_found(campaign_run: CampaignRun, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -49,7 +49,7 @@ def test_a_port_opened_by_its_name_is_found(monkeypatch: pytest.MonkeyPatch) -> 
     bus = replug.ReplugBus(CampaignRun(campaign="replug", seed=1, budget=1), VC660, 3)
     for _ in range(10):
         bus.unplug()
-    assert any("opened the wrong adapter" in one for one in bus.campaign_run.violations)
+    assert any("opened the wrong adapter" in violation for violation in bus.campaign_run.violations)
 
 
 def test_commands_queued_for_the_returning_port_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -104,7 +104,7 @@ def test_a_bus_that_does_not_detect_the_loss_is_found(monkeypatch: pytest.Monkey
     monkeypatch.setattr(BusCore, "on_port_lost", lambda self, error, now: [])
     bus = replug.ReplugBus(CampaignRun(campaign="replug", seed=1, budget=1), VC660, 3)
     bus._pull()
-    assert any("has not detected it" in one for one in bus.campaign_run.violations)
+    assert any("has not detected it" in violation for violation in bus.campaign_run.violations)
 
 
 def test_a_task_leaked_by_a_replug_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
