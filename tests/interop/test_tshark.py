@@ -226,7 +226,7 @@ def exported(capture: Path, *words: str) -> Path:
 
 
 def numbers(text: str) -> list[int]:
-    return [int(one, 0) for one in text.split(",")]
+    return [int(number, 0) for number in text.split(",")]
 
 
 def fields_of_tshark(row: dict[str, str]) -> dict[str, Any]:
@@ -293,7 +293,7 @@ def fields_of_drivebus(frame: ConversationFrame) -> dict[str, Any]:
 
 
 def listed(first: int, values: tuple[int, ...]) -> dict[str, Any]:
-    return {"first": first, "values": [int(one) for one in values]}
+    return {"first": first, "values": [int(value) for value in values]}
 
 
 def decoded(frame: ConversationFrame) -> Any:
@@ -384,18 +384,18 @@ def test_our_tolerant_reader_shows_the_same_station_and_function_of_a_damaged_fr
 
 def test_times_are_right_to_the_microsecond(line: TsharkComparison) -> None:
     assert [Decimal(row["frame.time_epoch"]) * 1_000_000 for row in line.rows] == [
-        STARTED_US + one.time_us for one in line.frames
+        STARTED_US + frame.time_us for frame in line.frames
     ]
 
 
 def test_tshark_shows_requests_as_sent_and_replies_as_received(line: TsharkComparison) -> None:
     """Both the direction of the packet and the ports by which the dissector distinguishes query and response."""
     ways = [(int(row["frame.packet_flags_direction"], 0), row["udp.srcport"], row["udp.dstport"]) for row in line.rows]
-    assert ways == [(2, "50500", "50502") if one.request is None else (1, "50502", "50500") for one in line.frames]
+    assert ways == [(2, "50500", "50502") if frame.request is None else (1, "50502", "50500") for frame in line.frames]
 
 
 def test_each_response_is_linked_to_the_request_that_it_answers(line: TsharkComparison) -> None:
-    answers = [(one.request_number, row) for one, row in line if one.request is not None and one.whole]
+    answers = [(frame.request_number, row) for frame, row in line if frame.request is not None and frame.whole]
     normal = [(request, row) for request, row in answers if "modbus.exception_code" not in row]
     assert len(normal) > 3000
     assert [(request, row) for request, row in normal if int(row["modbus.request_frame"]) != request] == []
@@ -405,8 +405,8 @@ def test_without_all_modbus_only_damaged_requests_are_not_modbus(tmp_path: Path)
     """drivebus sends no damaged request; a damaged reply is recognized by its request."""
     frames = conversation(1, 1000)
     capture = recorded(tmp_path / "one.dbcap", frames, 1)
-    modbus = [one.modbus for one in split_frames(read_capture(capture))]
-    assert modbus == [one.whole or one.request is not None for one in frames]
+    modbus = [frame.modbus for frame in split_frames(read_capture(capture))]
+    assert modbus == [frame.whole or frame.request is not None for frame in frames]
     assert Counter(modbus)[False] > 10
 
 
@@ -423,7 +423,7 @@ def test_a_recorded_status_and_stop_are_shown_as_queries_and_responses(tmp_path:
     for verb in ("status", "stop"):
         run(verb, *drive, str(tmp_path / f"{verb}.dbcap"))
         capture = tmp_path / f"{verb}.dbcap"
-        records = [one for one in read_capture(capture).records if isinstance(one, BytesRecord)]
+        records = [record for record in read_capture(capture).records if isinstance(record, BytesRecord)]
         shown = tshark(exported(capture), tmp_path, *WIRESHARK_OPTIONS.split()).splitlines()
         assert len(shown) == len(records) > 2
         for row, record in zip(shown, records, strict=True):
@@ -437,8 +437,8 @@ def test_frames_of_another_protocol_are_shown_as_their_raw_bytes(tmp_path: Path,
     capture = tmp_path / "one.dbcap"
     run("status", f"sim://{model}@1", "--model", model, "--address", "1", "--record", str(capture))
     rows = tshark_fields(exported(capture), tmp_path)
-    records = [one for one in read_capture(capture).records if isinstance(one, BytesRecord)]
-    assert [row["data.data"] for row in rows] == [one.data.hex() for one in records]
+    records = [record for record in read_capture(capture).records if isinstance(record, BytesRecord)]
+    assert [row["data.data"] for row in rows] == [record.data.hex() for record in records]
     assert {row["frame.protocols"] for row in rows} == {"ip:udp:data"}
 
 
