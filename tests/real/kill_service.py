@@ -166,8 +166,8 @@ class KilledService:
         for line in lines:
             with suppress(ValueError):  # the incomplete last line of the killed process
                 entries.append(json.loads(line))
-        done = [one for one in entries if one.get("what") == "waiver.grant" and one.get("outcome") == "done"]
-        return {one["params"]["reason"] for one in done}
+        done = [entry for entry in entries if entry.get("what") == "waiver.grant" and entry.get("outcome") == "done"]
+        return {entry["params"]["reason"] for entry in done}
 
     def _violation(self, text: str) -> None:
         self.found.violations.append(f"kill {self.found.kills}: {text}")

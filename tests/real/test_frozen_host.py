@@ -47,8 +47,10 @@ def test_commands_that_waited_during_a_freeze_expire_and_are_never_sent(plants: 
     results = [issued_commands(host) for host in hosts]
     plant.settle()
     for line in range(LINES):
-        assert [one for one in plant.requests(line, since=thawed) if one.effect is not RequestEffect.READ] == []
-        moved = {one.address for one in plant.requests(line) if one.effect is RequestEffect.MOTION}
+        assert [
+            request for request in plant.requests(line, since=thawed) if request.effect is not RequestEffect.READ
+        ] == []
+        moved = {request.address for request in plant.requests(line) if request.effect is RequestEffect.MOTION}
         for each in results[line]:
             assert each["address"] in moved or each.get("error") == "Expired", each
     assert sum(each.get("error") == "Expired" for line in results for each in line) >= LINES, "the freeze came too late"
@@ -67,7 +69,7 @@ def test_starts_permitted_and_queued_before_a_freeze_are_never_sent(plants: Plan
     plant.settle()
     assert [each["error"] for each in results] == ["bus.permit_expired"] * DRIVES
     assert {each["sent"] for each in results} == {""}
-    assert {one.effect for one in plant.requests()} == {RequestEffect.READ} and plant.motor_changes() == []
+    assert {request.effect for request in plant.requests()} == {RequestEffect.READ} and plant.motor_changes() == []
 
 
 def stopped(pid: int) -> bool:

@@ -89,7 +89,7 @@ async def test_a_running_drive_of_a_killed_host_trips_by_itself_and_the_next_hos
     await asyncio.sleep(chance.uniform(0.0, 1.2))
     killed_at = kill(host, plant)
     for line in range(4):
-        moves = [one for one in plant.requests(line) if one.effect is RequestEffect.MOTION]
+        moves = [request for request in plant.requests(line) if request.effect is RequestEffect.MOTION]
         assert len(moves) <= 1
         if any(change.on for change in plant.motor_changes(line)):
             assert moves
@@ -100,7 +100,7 @@ async def test_a_running_drive_of_a_killed_host_trips_by_itself_and_the_next_hos
     plant.settle()
     for line in range(4):
         after = plant.requests(line, since=killed_at)
-        assert after and {one.effect for one in after} == {RequestEffect.READ}
+        assert after and {request.effect for request in after} == {RequestEffect.READ}
         assert not any(change.on for change in plant.motor_changes(line, since=killed_at))
 
 
@@ -123,7 +123,7 @@ async def test_a_host_that_restarts_in_time_only_reads_and_thereby_keeps_the_dri
     for line in range(3):
         check_trips(plant, line)
         after = plant.requests(line, since=killed_at)
-        assert after and {one.effect for one in after} == {RequestEffect.READ}
+        assert after and {request.effect for request in after} == {RequestEffect.READ}
     assert plant.motor_changes(0)[-1].t - killed_at > 2 * COMM_LOSS_TIMER_S, (
         "longer than its timer, because it was polled"
     )

@@ -73,9 +73,9 @@ async def test_a_marked_byte_voids_its_frame_at_any_position(plants: Plants, nam
         plant.order(mark=[0, size - 1])
         answer = await bus.transact(BusRequest(station=1, request=request))
         assert isinstance(answer.error, LineError) and answer.reply is None
-        voided = [one for one in events if one.kind is TraceKind.INVALID]
-    assert [type(one.error) for one in voided] == [LineError] * (size + 2), "each of them, and nothing else"
-    assert len([one for one in events if one.kind is TraceKind.REPLY]) == size
+        voided = [event for event in events if event.kind is TraceKind.INVALID]
+    assert [type(event.error) for event in voided] == [LineError] * (size + 2), "each of them, and nothing else"
+    assert len([event for event in events if event.kind is TraceKind.REPLY]) == size
     places = [at for place in range(size) for at in (place, None)]
     assert [place for _, place in delivered_replies(plant)][1:] == [*places, 0, size - 1]
 

@@ -115,19 +115,19 @@ async def test_a_master_that_takes_no_lock_is_detected_by_its_second_frame_and_n
             await eventually(lambda number=number: foreign(plant, data, before) == number)  # type: ignore[misc]
             await asyncio.sleep(0.3)
         await eventually(lambda: bus.health(1).foreign_master)
-        assert [one.data for one in plant.requests(since=before)] == [data, data]
+        assert [request.data for request in plant.requests(since=before)] == [data, data]
         with pytest.raises(StartInhibited) as caught:
             await drive.run(10.0)
         assert caught.value.key == "drives.foreign_master"
         assert (await drive.stop()).status is OutcomeStatus.CONFIRMED
         os.close(other_master)
     plant.settle()
-    ours = [one.effect for one in plant.requests() if one.data != data]
+    ours = [request.effect for request in plant.requests() if request.data != data]
     assert RequestEffect.STOP in ours and RequestEffect.MOTION not in ours
 
 
 def foreign(plant: RecordedPlant, data: bytes, since: float) -> int:
-    return sum(one.data == data for one in plant.requests(since=since))
+    return sum(request.data == data for request in plant.requests(since=since))
 
 
 async def eventually(condition: Callable[[], bool]) -> None:

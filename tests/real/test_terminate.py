@@ -28,10 +28,10 @@ MOMENTS: tuple[tuple[str, Callable[[RecordedPlant, int], bool]], ...] = (
 
 def host_actions(plant: RecordedPlant, line: int, *, reads_after_the_start: bool = False) -> list[RequestEffect]:
     """Return the effects of the requests on a line in order, without reads or from the start on."""
-    effects = [one.effect for one in plant.requests(line)]
+    effects = [request.effect for request in plant.requests(line)]
     if reads_after_the_start:
         return effects[effects.index(RequestEffect.MOTION) :] if RequestEffect.MOTION in effects else []
-    return [one for one in effects if one is not RequestEffect.READ]
+    return [effect for effect in effects if effect is not RequestEffect.READ]
 
 
 def run(started: Start, plant: RecordedPlant, line: int = 0) -> subprocess.Popen[str]:
