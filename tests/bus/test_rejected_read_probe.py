@@ -78,7 +78,9 @@ def test_a_reply_that_comes_after_the_probe_was_sent_is_credited_to_nothing() ->
     script.submit(read_request(count=1), "later")
     script.run_until(script.now + 20)
     assert not is_suspect(script)
-    assert {one.reply.values for results in script.results.values() for one in results if one.error is None} == {(7,)}
+    assert {
+        result.reply.values for results in script.results.values() for result in results if result.error is None
+    } == {(7,)}
 
 
 def test_a_rejection_may_be_the_late_one_of_an_unanswered_probe() -> None:

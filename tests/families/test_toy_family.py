@@ -147,7 +147,7 @@ def test_a_family_can_be_registered_without_an_entry_point_but_not_replace_a_bui
 def test_models_and_profile_check_know_its_profile() -> None:
     code, found = command("models")
     assert code == 0
-    assert {one["model"]: one["family"] for one in found["models"]}["toy1"] == "toy"
+    assert {profile["model"]: profile["family"] for profile in found["models"]}["toy1"] == "toy"
     code, _ = command("profile", "check", str(TOY_FOLDER / "drivebus_toy" / "profiles" / "toy1.toml"))
     assert code == 0
 
@@ -174,8 +174,8 @@ def test_scan_finds_the_drive() -> None:
     words = ("scan", "sim://toy1@3", "--models", "toy1,vc660", "--addresses", "1-4", "--listen-seconds", "0.1")
     code, found = command(*words)
     assert code == 0
-    drives = [one for one in found["found"] if one["valid_reply"]]
-    assert [(one["models"], one["family"], one["address"]) for one in drives] == [(["toy1"], "toy", 3)]
+    drives = [drive for drive in found["found"] if drive["valid_reply"]]
+    assert [(drive["models"], drive["family"], drive["address"]) for drive in drives] == [(["toy1"], "toy", 3)]
 
 
 def test_a_simulated_drive_reports_runs_and_stops() -> None:

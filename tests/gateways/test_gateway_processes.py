@@ -99,7 +99,7 @@ class RunningPlant:
             return await self.client.call(operation, params, ACTOR)
 
     async def gateways(self) -> dict[str, Json]:
-        return {one["id"]: one for one in (await self.call("plant.get"))["gateways"]}
+        return {gateway["id"]: gateway for gateway in (await self.call("plant.get"))["gateways"]}
 
     async def events(self) -> list[Json]:
         stream = self.client.live("state", ACTOR)
@@ -109,7 +109,7 @@ class RunningPlant:
         return events
 
     async def drive(self, id: str) -> Json:
-        return {one["id"]: one for one in (await self.call("drives.list"))["drives"]}[id]
+        return {drive["id"]: drive for drive in (await self.call("drives.list"))["drives"]}[id]
 
     async def wait_for(self, condition: Callable[[], Awaitable[bool]]) -> None:
         async with asyncio.timeout(TIMEOUT_S):
@@ -219,14 +219,14 @@ async def test_a_killed_gateway_is_restarted_and_disturbs_nothing_else(killed: s
         assert after[other] == before[other], "the other gateway is the same process"
         assert (after[killed]["starts"], after[killed]["exit_code"]) == (2, -signal.SIGKILL)
         await wait_for_growth(tmp_path / "toy.jsonl")
-        (event,) = [one for one in await plant.events() if one["kind"] == "gateway"]
+        (event,) = [event for event in await plant.events() if event["kind"] == "gateway"]
         assert f"gateway {killed} ended with exit code -9" in event["text"]["en"]
         assert f"网关 {killed} 已结束，退出码 -9" in event["text"]["zh"]
 
 
 async def test_a_frozen_gateway_delays_neither_the_service_nor_the_other_gateway(tmp_path: Path) -> None:
     async with running_plant(tmp_path) as plant, httpx.AsyncClient(base_url=plant.page) as client:
-        pids = {name: one["pid"] for name, one in (await plant.gateways()).items()}
+        pids = {name: gateway["pid"] for name, gateway in (await plant.gateways()).items()}
         assert arguments_of(pids["toy"]) == ["-P", "-m", "drivebus_toy_gateway"], "no settings in the list of processes"
         await wait_for_growth(tmp_path / "toy.jsonl")
         os.kill(pids["toy"], signal.SIGSTOP)
@@ -238,7 +238,7 @@ async def test_a_frozen_gateway_delays_neither_the_service_nor_the_other_gateway
             assert (await client.get("/api/v1/health")).status_code == 200
             durations_s.append(time.monotonic() - begun)
         assert min(durations_s) < ANSWER_TIMEOUT_S
-        assert {name: one["pid"] for name, one in (await plant.gateways()).items()} == pids
+        assert {name: gateway["pid"] for name, gateway in (await plant.gateways()).items()} == pids
         os.kill(pids["toy"], signal.SIGCONT)
         await wait_for_growth(tmp_path / "toy.jsonl")
         os.kill(pids["toy"], signal.SIGSTOP)  # the service ends it nevertheless
@@ -277,7 +277,7 @@ async def test_a_reload_restarts_only_the_gateway_whose_table_changed(tmp_path: 
 
 async def test_a_killed_service_takes_its_gateways_with_it(tmp_path: Path) -> None:
     async with running_plant(tmp_path) as plant:
-        pids = [one["pid"] for one in (await plant.gateways()).values()]
+        pids = [gateway["pid"] for gateway in (await plant.gateways()).values()]
         await wait_until(lambda: size_of(tmp_path / "toy.jsonl") > 0)
         plant.process.kill()
         await wait_until(lambda: not any(is_running(pid) for pid in pids))

@@ -20,5 +20,5 @@ def test_the_snapshots_have_every_kind_of_note() -> None:
     """A changed text key is noticed only in a snapshot that has it."""
     found = [line["description"] for line in LINES]
     keys = {note[0] for each in found for place in ("problems", "errata", "hazards") for note in each.get(place, ())}
-    keys |= {each["note"][0] for one in found for each in one.get("interpretations", ())}
+    keys |= {each["note"][0] for description in found for each in description.get("interpretations", ())}
     assert len(keys) > 60, sorted(keys)

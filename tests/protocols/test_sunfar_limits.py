@@ -319,13 +319,13 @@ def test_a_monitor_is_requested_in_binary_or_as_printed() -> None:
 
 def test_the_enumerated_values_are_those_of_the_manual() -> None:
     """2.4.4 to 2.4.6: one moved number and a stop is a run."""
-    assert [int(one) for one in SunfarOperation] == [*range(7), *range(0x10, 0x17), 0x20, 0x21]
-    assert [int(one) for one in SunfarState] == [*range(6), *range(0x11, 0x17), 0x20, 0x21]
-    assert [int(one) for one in SunfarResponse] == [0, 1, 2, 3, 4, 6, 7, 8]
+    assert [int(operation) for operation in SunfarOperation] == [*range(7), *range(0x10, 0x17), 0x20, 0x21]
+    assert [int(state) for state in SunfarState] == [*range(6), *range(0x11, 0x17), 0x20, 0x21]
+    assert [int(response) for response in SunfarResponse] == [0, 1, 2, 3, 4, 6, 7, 8]
     assert (SunfarOperation.STOP, SunfarOperation.RUN_FORWARD) == (3, 1)
     assert (SunfarOperation.EMERGENCY_STOP, SunfarOperation.RESET_FAULT) == (0x21, 0x20)
-    assert [one for one in SunfarOperation if one.sets_frequency] == list(range(0x10, 0x17))
-    assert [one for one in SunfarResponse if one.is_short] == [6, 7, 8]
+    assert [operation for operation in SunfarOperation if operation.sets_frequency] == list(range(0x10, 0x17))
+    assert [response for response in SunfarResponse if response.is_short] == [6, 7, 8]
     assert sunfar.BROADCAST == 31
 
 
