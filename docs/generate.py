@@ -1,4 +1,4 @@
-"""Write the generated parts of the docs: `python docs/generate.py`; `--check` only lists pages out of date (exit 1).
+"""Write the generated parts of the docs, as `make docs` does; `--check` only lists pages out of date (exit 1).
 
 A page is written by hand except for the parts between `<!-- NAME:begin -->` and `<!-- NAME:end -->`, and for the links
 from the ids of traps and invariants to their definitions. The pages in docs/reference/models are generated as a whole.
@@ -24,7 +24,7 @@ def main(arguments: list[str]) -> int:
         if "--check" not in arguments:
             path.parent.mkdir(exist_ok=True)
             path.write_text(text, encoding="utf-8")
-    verb = "out of date, run `python docs/generate.py`" if "--check" in arguments else "written"
+    verb = "out of date, run `make docs`" if "--check" in arguments else "written"
     for name in stale:
         print(f"{name}: {verb}")
     return 1 if stale and "--check" in arguments else 0

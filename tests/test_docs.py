@@ -18,7 +18,7 @@ from types import FunctionType
 import click
 import generate
 import pytest
-from generator import pages
+from generator import error_reference, pages
 
 import drivebus
 from drivebus import errors, profiles
@@ -47,7 +47,7 @@ def test_a_page_out_of_date_is_reported_with_an_exit_code(
 ) -> None:
     shutil.copytree(ROOT / "docs", tmp_path / "docs")
     page = tmp_path / "README.md"
-    up_to_date = (ROOT / "README.md").read_text(encoding="utf-8")
+    _, up_to_date = next(pages.generated_pages(ROOT))
     page.write_text(up_to_date.replace("<!-- drives:end -->", "one more line\n<!-- drives:end -->"), encoding="utf-8")
     every_page = pages.generated_pages
     monkeypatch.setattr(generate, "ROOT", tmp_path)
@@ -105,9 +105,8 @@ def test_the_licence_of_the_project_covers_each_file_of_another_project() -> Non
 def test_every_model_has_its_page_in_both_languages_and_no_page_is_left_over() -> None:
     folder = ROOT / "docs" / "reference" / "models"
     names = {"README", *profiles.models()}
-    assert {page.name for page in folder.iterdir()} == {
-        f"{name}{suffix}.md" for name in names for suffix in ("", ".zh")
-    }
+    expected = {f"{name}{suffix}.md" for name in names for suffix in ("", ".zh")}
+    assert {page.name for page in folder.iterdir()} == expected, "run `make docs`; delete the page of a removed model"
     for suffix in ("", ".zh"):
         readme = (ROOT / f"README{suffix}.md").read_text(encoding="utf-8")
         assert [name for name in profiles.models() if f"(docs/reference/models/{name}{suffix}.md)" not in readme] == []
@@ -139,11 +138,19 @@ def test_every_command_and_every_error_has_its_paragraph(suffix: str) -> None:
     reference = ROOT / "docs" / "reference"
     commands = (reference / f"command-line{suffix}.md").read_text(encoding="utf-8")
     context = click.Context(cli)
-    assert [name for name in cli.list_commands(context) if f"### `drivebus {name}`" not in commands] == []
+    without = [name for name in cli.list_commands(context) if f"### `drivebus {name}`" not in commands]
+    assert without == [], "run `make docs`"
     error_page = (reference / f"errors{suffix}.md").read_text(encoding="utf-8")
     classes = [name for name, found in vars(errors).items() if isinstance(found, type) and issubclass(found, Exception)]
     assert len(classes) > 30
     assert [name for name in classes if f"## {name}\n" not in error_page] == []
+
+
+def test_the_file_that_lacks_the_chinese_of_an_error_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`make docs` ended with the name of the new class alone."""
+    monkeypatch.setattr(error_reference, "CHINESE", {})
+    with pytest.raises(KeyError, match=r"docs/generator/errors\.zh\.json .* DrivebusError"):
+        error_reference.page("zh")
 
 
 MODULES = ["drivebus", "drivebus.blocking", "drivebus.bus", "drivebus.drives", "drivebus.ports", "drivebus.profiles"]

@@ -10,7 +10,10 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def test_every_text_is_in_the_table_or_in_a_group_of_other_texts() -> None:
-    assert sentences.unassigned_keys() == []
+    assert sentences.unassigned_keys() == [], (
+        "add each of these texts to docs/generator/sentences.json with the condition under which it is used, "
+        "or to docs/generator/other_texts.json where it states nothing about a drive or a bus"
+    )
 
 
 def test_every_pattern_of_the_table_has_a_text() -> None:

@@ -222,9 +222,11 @@ class _Story:
         raise StoryError(f"{name} not read in {TRIES} tries")
 
     async def _until_answered(self, action: Callable[[], Awaitable[Any]]) -> Any:
+        reason = ""
         for _ in range(TRIES):
             try:
                 return await action()
-            except DrivebusError:
-                await asyncio.sleep(1)
-        raise StoryError(f"not answered in {TRIES} tries")
+            except DrivebusError as error:
+                reason = str(error)
+            await asyncio.sleep(1)
+        raise StoryError(f"not answered in {TRIES} tries: {reason}")

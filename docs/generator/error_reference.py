@@ -16,7 +16,7 @@ from drivebus.values import Text
 from generator.terms import localized, table
 
 CHINESE: dict[str, str] = json.loads((Path(__file__).parent / "errors.zh.json").read_text(encoding="utf-8"))
-"""Class → Chinese translation of its docstring; a missing one is a KeyError."""
+"""Class → Chinese translation of its docstring."""
 HEADS = {
     "scope": Text("scope", "影响范围"),
     "again": Text("a retry may help", "重试可能有用"),
@@ -55,6 +55,8 @@ def _entry(error: type[DrivebusError], keys: set[str], language: str) -> Iterato
     yield f"## {error.__name__}\n"
     yield f"`{parents}`\n"
     text = " ".join((error.__doc__ or "").split()).replace("``", "`")
+    if language != "en" and error.__name__ not in CHINESE:
+        raise KeyError(f"docs/generator/errors.zh.json has no Chinese docstring of {error.__name__}")
     yield (text if language == "en" else CHINESE[error.__name__]) + "\n"
     row = (
         localized(SCOPES[str(error.scope)], language),

@@ -56,6 +56,14 @@ def test_the_story_finds_a_reading_in_another_unit() -> None:
         run(play(profiles.load("dc1"), SourceStation(ADDRESS, wrong), "clean"))
 
 
+def test_the_story_names_the_reason_of_a_request_that_is_never_answered() -> None:
+    """A new profile without the capability to read failed with a number of tries only."""
+    profile = profiles.load("dc1")
+    unreadable = replace(profile, capabilities=profile.capabilities - {"read"})
+    with pytest.raises(StoryError, match="not answered in 20 tries: dc1 has no command for this: read"):
+        run(play(unreadable, SourceStation(ADDRESS, SOURCE_DRIVES["dc1"]), "clean"))
+
+
 def test_no_source_station_reads_a_profile() -> None:
     """It would be no evidence: a misread register would be misread at both ends."""
     folder = Path(source_stations.__path__[0])

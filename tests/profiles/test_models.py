@@ -459,7 +459,7 @@ def test_no_reading_or_fault_of_an_included_model_stands_without_its_source(name
     named = {f"fault {code}": fault.evidence for code, fault in profile.faults.items()}
     named |= {signal.name: signal.evidence for signal in profile.signals.values()}
     for what, evidence in named.items():
-        assert evidence is not None and evidence.kind != "user", what
+        assert evidence is not None and evidence.kind != "user", f"{what}: name the manual or program as its evidence"
 
 
 @pytest.mark.parametrize("model", profiles.models())

@@ -129,4 +129,4 @@ def incomplete_texts(value: Any, key: str = "") -> Iterator[Any]:
 def test_a_profile_that_comes_with_drivebus_has_each_text_in_both_languages(path: Path) -> None:
     """A text in one language is for a user's own file: a page of the other language would show it untranslated."""
     _, data = toml_file.decode_toml(path.read_bytes())
-    assert list(incomplete_texts(data)) == []
+    assert list(incomplete_texts(data)) == [], 'write each as { en = "…", zh = "…" }'

@@ -408,7 +408,8 @@ def test_every_sentence_has_all_its_numbers() -> None:
         text for alarm in alarms.active() for text in (alarm.title.en, alarm.title.zh, alarm.text.en, alarm.text.zh)
     ]
     assert len(texts) == 4 * (len(SystemAlarm) + 5)
-    assert [text for text in texts if "{" in text or "None" in text or "alarms." in text] == []
+    found = [text for text in texts if "{" in text or "None" in text or "alarms." in text]
+    assert found == [], "add the parameters that only these texts have to names"
     assert "Fan: output current is 12.346 A, above 10 A" in texts
 
 
