@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import json
-import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -13,7 +12,7 @@ from drivebus import errors, i18n
 from drivebus.cli.errors import exit_code_of
 from drivebus.errors import DrivebusError
 from drivebus.values import Text
-from generator.terms import localized, table
+from generator.terms import localized, named_placeholders, table
 
 CHINESE: dict[str, str] = json.loads((Path(__file__).parent / "errors.zh.json").read_text(encoding="utf-8"))
 """Class → Chinese translation of its docstring."""
@@ -65,12 +64,8 @@ def _entry(error: type[DrivebusError], keys: set[str], language: str) -> Iterato
     )
     yield table([localized(HEADS[name], language) for name in ("scope", "again", "exit")], [row])
     if keys:
-        rows = [(f"`{key}`", _sentence(key, language)) for key in sorted(keys)]
+        rows = [(f"`{key}`", named_placeholders(i18n.catalogue(language)[key])) for key in sorted(keys)]
         yield table([localized(HEADS["key"], language), localized(HEADS["sentence"], language)], rows)
-
-
-def _sentence(key: str, language: str) -> str:
-    return re.sub(r"\{([a-z_]+)[^}]*\}", r"*\1*", i18n.catalogue(language)[key])
 
 
 @cache

@@ -25,6 +25,7 @@ from generator import (
     rest_reference,
     security,
     sentences,
+    system_alarms,
     verification,
 )
 from verification import ids
@@ -69,6 +70,7 @@ def _filled_pages(root: Path, language: str) -> Iterator[tuple[Path, str]]:
 
 def _parts_of_pages(root: Path, language: str) -> Iterator[tuple[str, dict[str, str]]]:
     """Yield the path of each page below ``docs``, without its ending, and its generated parts by mark."""
+    yield "explanation/alarms", {"system": system_alarms.system_alarms(language)}
     yield "explanation/verification", {"campaigns": verification.campaign_table(root / "docs" / "reports", language)}
     yield "explanation/bus-stop", {"collisions": command_collisions.collision_table(language)}
     yield "explanation/fault-matrix", fault_matrix.page_parts(root, language)

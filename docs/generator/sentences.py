@@ -15,7 +15,7 @@ from pathlib import Path
 
 from drivebus import i18n
 from drivebus.values import Text
-from generator.terms import colon, localized, table
+from generator.terms import colon, localized, named_placeholders, table
 
 CONDITIONS: dict[str, dict[str, str]] = json.loads(
     (Path(__file__).parent / "sentences.json").read_text(encoding="utf-8")
@@ -76,7 +76,7 @@ def parts(root: Path, language: str) -> dict[str, str]:
     """Return the generated parts of the page: the table, and the groups of other texts."""
     rows = [
         (
-            f"{_without_names(_catalogue(language)[key])}<br>`{key}`",
+            f"{named_placeholders(_catalogue(language)[key])}<br>`{key}`",
             CONDITIONS[_governing(key, CONDITIONS) or key][language],
             _proof_cell(key, root, language),
         )
@@ -109,10 +109,6 @@ def _catalogue(language: str) -> dict[str, str]:
     """Return the texts of drivebus and its built-in families; tests may have added those of other packages."""
     files = sorted(Path(i18n.__file__).parents[1].rglob(f"*.{language}.json"))
     return {key: text for file in files for key, text in json.loads(file.read_text(encoding="utf-8")).items()}
-
-
-def _without_names(sentence: str) -> str:
-    return re.sub(r"\{([a-z_]+)[^}]*\}", r"*\1*", sentence).replace("{{", "{").replace("}}", "}")
 
 
 def _proof_cell(key: str, root: Path, language: str) -> str:

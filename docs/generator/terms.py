@@ -179,6 +179,11 @@ def phrase(sentence: str, language: str) -> str:
     return sentence if language == "en" or wordless else PHRASES.get(sentence, sentence)
 
 
+def named_placeholders(message: str) -> str:
+    """Return a message of a catalogue with the name of each placeholder in italics."""
+    return re.sub(r"\{([a-z_]+)[^}]*\}", r"*\1*", message).replace("{{", "{").replace("}}", "}")
+
+
 def colon(language: str) -> str:
     return ": " if language == "en" else "："
 

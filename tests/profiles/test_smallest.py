@@ -101,6 +101,7 @@ def test_the_smallest_profile_runs_reverses_and_stops_its_simulated_drive(mill: 
             for direction in Direction:
                 assert (await drive.run(10.0, direction)).status is OutcomeStatus.CONFIRMED
                 assert (await drive.status()).direction is direction
+                assert (await drive.read(["output_frequency"]))["output_frequency"].value == pytest.approx(10.0)
                 assert (await drive.stop()).status is OutcomeStatus.CONFIRMED
                 await asyncio.sleep(3)
                 await drive.status()  # the simulated drive computes its motor when it is read
