@@ -142,7 +142,9 @@ def test_a_scrape_shows_the_plants_state_without_bus_requests() -> None:
                 assert of(found, "bus_replies_total", bus=id) == bus["replies"] > 100
                 assert of(found, "bus_load_ratio", bus=id) == bus["load_percent"] / 100 > 0.01
                 assert of(found, "bus_reply_seconds", bus=id, quantile="0.95") == bus["reply_p95_s"]
-                assert of(found, "bus_cycle_seconds", bus=id) == max(one["refresh_s"] for one in bus["stations"])
+                assert of(found, "bus_cycle_seconds", bus=id) == max(
+                    station["refresh_s"] for station in bus["stations"]
+                )
 
     run(scenario())
 
@@ -163,7 +165,9 @@ def test_a_drive_that_stops_answering_loses_its_values() -> None:
             kit.station("fan-1").faults.silent = True
             await asyncio.sleep(20)
             found, _ = await scraped(kit)
-            measured = {METRIC_PREFIX + one.metric for one in SIGNAL_METRICS} | {METRIC_PREFIX + "drive_fault_code"}
+            measured = {METRIC_PREFIX + signal.metric for signal in SIGNAL_METRICS} | {
+                METRIC_PREFIX + "drive_fault_code"
+            }
             assert not [key for key in found if key[0] in measured and ("drive", "fan-1") in key[1]]
             assert [key for key in found if key[0] in measured and ("drive", "fan-2") in key[1]]
             assert of(found, "drive_up", drive="fan-1") == 0
@@ -321,7 +325,7 @@ def test_metric_names_follow_the_conventions() -> None:
     units = ("hertz", "amperes", "volts", "watts", "celsius", "seconds", "joules", "bytes", "ratio")
     foreign = ("_hz", "_percent", "_ms", "_s", "_a", "_v", "_kw", "_kwh", "_h", "_mb")
     assert not [name for name in METRICS if name.endswith(foreign)]
-    assert {one.metric.rpartition("_")[2] for one in SIGNAL_METRICS} <= set(units)
+    assert {signal.metric.rpartition("_")[2] for signal in SIGNAL_METRICS} <= set(units)
     assert {metric.kind for metric in METRICS.values() if metric.name.endswith("_total")} == {"counter"}
 
 

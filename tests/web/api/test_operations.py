@@ -200,7 +200,9 @@ async def test_a_new_operation_of_the_gateway_is_one_declaration_and_its_handler
 def test_every_operation_has_one_route_and_every_route_a_required_access() -> None:
     declared = [(route.method, route.path) for route in declared_routes()]
     assert len(declared) == len(set(declared))
-    assert {(one.method, one.url_path) for one in (*OPERATIONS.values(), *WEB_OPERATIONS.values())} <= set(declared)
+    assert {
+        (operation.method, operation.url_path) for operation in (*OPERATIONS.values(), *WEB_OPERATIONS.values())
+    } <= set(declared)
     assert all(route.access for route in declared_routes())
 
 

@@ -128,7 +128,7 @@ def test_who_may_set_a_frequency_may_not_change_what_bounds_it(
     denied = response(plant, role, operation, params)
     assert denied.status_code == 403
     answers = [denied.json(), by_socket(plant, actor, operation, params)]
-    assert [one["error"]["kind"] for one in answers] == ["AccessDenied", "PermissionDenied"]
+    assert [answer["error"]["kind"] for answer in answers] == ["AccessDenied", "PermissionDenied"]
 
 
 BEYOND = [

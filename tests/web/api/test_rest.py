@@ -246,7 +246,9 @@ async def test_the_description_names_every_route_with_errors_and_who_may() -> No
         assert str(route.right) in message["description"]
         assert {"200", "401", "403", "422", "503"} <= message["responses"].keys()
         assert {"token": []} in message["security"]
-        assert [one["name"] for one in message["parameters"] if one["in"] == "path"] == list(route.path_params)
+        assert [parameter["name"] for parameter in message["parameters"] if parameter["in"] == "path"] == list(
+            route.path_params
+        )
     assert json.dumps(paths).count("HTTPValidationError") == 0
 
 

@@ -76,8 +76,8 @@ def test_a_field_of_a_result_is_no_object_of_any_content(description: Json) -> N
     found = {
         f"{name}.{field}"
         for name, schema in description["components"]["schemas"].items()
-        for field, one in schema.get("properties", {}).items()
-        if is_free(one)
+        for field, definition in schema.get("properties", {}).items()
+        if is_free(definition)
     }
     assert found == FREE_OBJECTS.keys()
 
@@ -105,8 +105,8 @@ class CheckedClient:
         self.client = httpx.Client(base_url=url, headers=headers, timeout=60.0)
         self.description = description
         self.closed_schemas = {
-            name: one | ({} if name in OPEN_OBJECTS else {"additionalProperties": False})
-            for name, one in description["components"]["schemas"].items()
+            name: schema | ({} if name in OPEN_OBJECTS else {"additionalProperties": False})
+            for name, schema in description["components"]["schemas"].items()
         }
         """Schemas that allow no undeclared field."""
         self.checked: set[str] = set()
@@ -132,7 +132,9 @@ class CheckedClient:
         assert media_type in content, f"{operation.name}: {media_type}"
         if media_type == "application/json":
             schema = content[media_type]["schema"] | {"components": {"schemas": self.closed_schemas}}
-            found = [f"{one.instance_path}: {one.message}" for one in jsonschema_rs.iter_errors(schema, answer.json())]
+            found = [
+                f"{error.instance_path}: {error.message}" for error in jsonschema_rs.iter_errors(schema, answer.json())
+            ]
             assert not found, (operation.name, found)
         if answer.status_code == 200:
             self.checked.add(operation.name)
@@ -151,7 +153,7 @@ def test_a_running_service_answers_what_is_described_without_an_undeclared_field
     api = CheckedClient(plant.url, description)
     api.log_in(Role.ENGINEER)
     other = CheckedClient(plant.url, description, Authorization=f"Bearer {token(Role.OPERATOR)}")
-    api.wait_until(lambda: all(one["presence"] == "online" for one in api.call("drives.list")["drives"]))
+    api.wait_until(lambda: all(drive["presence"] == "online" for drive in api.call("drives.list")["drives"]))
     command_drives(api)
     hold_and_pause(api)
     request_control(api, other)
@@ -195,7 +197,7 @@ def command_drives(api: CheckedClient) -> None:
     api.call("drives.profile", drive="fan-1")
     api.call("drives.statistics", drive="fan-1")
     api.call("plant.statistics")
-    for model in (one["model"] for one in api.call("models.list")["models"]):
+    for model in (profile["model"] for profile in api.call("models.list")["models"]):
         api.call("models.get", model=model)
 
 
@@ -243,7 +245,7 @@ def trip_and_read_alarms(api: CheckedClient, plant: RunningService) -> None:
     plant.run_in_loop(lambda: asyncio.sleep(0, plant.kit.station("fan-1").trip(Trip.UNDERVOLTAGE)))
 
     def raised() -> list[Json]:
-        return [one for one in api.call("alarms.list")["active"] if one["kind"] == "fault" and one["incident"]]
+        return [alarm for alarm in api.call("alarms.list")["active"] if alarm["kind"] == "fault" and alarm["incident"]]
 
     api.wait_until(lambda: bool(raised()))
     assert api.call("drives.get", drive="fan-1")["fault"]
@@ -264,7 +266,7 @@ def read_history(api: CheckedClient) -> None:
     api.call("history.trend", **span)
     api.call("history.export", **span)
     assert api.call("history.events")["items"]
-    assert [one for one in api.call("audit.list")["items"] if one["frames"]]
+    assert [entry for entry in api.call("audit.list")["items"] if entry["frames"]]
     assert api.call("audit.verify")["ok"]
     for bus in api.call("buses.list")["buses"]:
         api.call("buses.get", bus=bus["id"])
@@ -327,7 +329,7 @@ def administer(plant: RunningService, description: Json, api: CheckedClient) -> 
     admin.call("token.remove", token=added)
     second = CheckedClient(plant.url, description)
     second.log_in(Role.ADMINISTRATOR)
-    ids = [one["id"] for one in admin.call("sessions.list")["sessions"] if not one["current"]]
+    ids = [session["id"] for session in admin.call("sessions.list")["sessions"] if not session["current"]]
     admin.call("session.end", session=ids[0], password=PASSWORD)
     code = plant.run_in_loop(lambda: plant.access.issue_code("viewer", 60.0))
     second.call("login-code", code=code)

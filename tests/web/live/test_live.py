@@ -61,12 +61,12 @@ def test_a_client_gets_a_snapshot_and_then_what_changed() -> None:
         )
         plant.messages.put_nowait(update({"drives/a": {"state": "stopped"}}))
         await asyncio.sleep(1.0)
-        assert [one["type"] for one in subscriber.messages] == ["snapshot", "delta"]
+        assert [message["type"] for message in subscriber.messages] == ["snapshot", "delta"]
         assert subscriber.topics() == [
             {"drives/a": {"state": "running", "start_inhibited": False}},
             {"drives/a": {"state": "stopped"}},
         ]
-        assert [one["seq"] for one in subscriber.messages] == [0, 1] and subscriber.messages[0]["time_ms"] == 1
+        assert [message["seq"] for message in subscriber.messages] == [0, 1] and subscriber.messages[0]["time_ms"] == 1
 
     run_feed(scenario)
 
@@ -98,7 +98,7 @@ def test_a_signal_that_a_replaced_drive_no_longer_has_is_null_at_once() -> None:
         plant.messages.put_nowait(update({"drives/a": {"signals": {"f": signal(2.0)}}}))
         await asyncio.sleep(5.0)
         _, *deltas = client.topics()
-        assert [one["drives/a"]["signals"] for one in deltas] == [{"f": signal(2.0), "old": None}]
+        assert [delta["drives/a"]["signals"] for delta in deltas] == [{"f": signal(2.0), "old": None}]
 
     run_feed(scenario)
 
@@ -115,7 +115,8 @@ def test_a_later_client_gets_a_snapshot_of_the_current_state() -> None:
         await asyncio.sleep(0.1)
         feed.join(later, DRIVES, 5.0)
         values = [
-            [one["drives/a"]["signals"]["f"]["value"] for one in subscriber.topics()] for subscriber in (first, later)
+            [topics["drives/a"]["signals"]["f"]["value"] for topics in subscriber.topics()]
+            for subscriber in (first, later)
         ]
         assert values == [[1.0, 3.0], [3.0]]
         assert first.messages[-1]["seq"] == later.messages[0]["seq"]
@@ -133,9 +134,9 @@ def test_values_come_at_the_clients_interval_and_the_last_one_wins() -> None:
             plant.messages.put_nowait(update({"drives/a": {"signals": {"f": signal(float(value))}}}))
         await asyncio.sleep(0.1)
         values = [
-            (at, one["drives/a"]["signals"]["f"]["value"])
-            for at, one in zip(subscriber.at, subscriber.topics(), strict=True)
-            if one
+            (at, topics["drives/a"]["signals"]["f"]["value"])
+            for at, topics in zip(subscriber.at, subscriber.topics(), strict=True)
+            if topics
         ]
         assert values == [(0.0, 0.0)] + [(2.0 * n, 8.0 * n - 1.0) for n in range(1, 6)]
 
@@ -248,7 +249,7 @@ def test_a_new_snapshot_of_the_plant_is_a_new_snapshot_for_every_client() -> Non
         for name in ("drives__a", "drives__b"):
             plant.messages.put_nowait(snapshot(**{name: {"state": "running"}}))
         await asyncio.sleep(0.1)
-        assert [(one["type"], list(one["topics"])) for one in subscriber.messages] == [
+        assert [(message["type"], list(message["topics"])) for message in subscriber.messages] == [
             ("snapshot", ["drives/a"]),
             ("snapshot", ["drives/b"]),
         ]
@@ -296,7 +297,7 @@ def test_a_topic_that_was_removed_and_added_again_while_a_message_waited_is_sent
         plant.messages.put_nowait(update(removed=["drives/a"]))
         plant.messages.put_nowait(update({"drives/a": {"state": "stopped"}}))
         await asyncio.sleep(0.5)
-        assert [one["topics"] for one in subscriber.messages][1:] == [{"drives/a": {"state": "stopped"}}]
+        assert [message["topics"] for message in subscriber.messages][1:] == [{"drives/a": {"state": "stopped"}}]
         assert "removed" not in subscriber.messages[-1]
 
     run_feed(scenario)
@@ -363,7 +364,7 @@ def test_a_star_among_the_frames_stands_for_the_known_buses(pattern: str, buses:
         assert sorted(plant.subscriptions) == [*(f"frames/{bus}" for bus in buses), "state"]
         plant.frames.put_nowait(update({"frames/line-2": [{"n": 1}]}))
         await asyncio.sleep(1.0)
-        assert any(one.get("frames/line-2") == [{"n": 1}] for one in subscriber.topics())
+        assert any(topics.get("frames/line-2") == [{"n": 1}] for topics in subscriber.topics())
 
     run_feed(scenario)
 
@@ -413,7 +414,7 @@ def test_a_subscription_is_changed_while_it_runs() -> None:
         await asyncio.sleep(0.1)
         plant.messages.put_nowait(update({"alarms": {"active": [{"id": "x"}]}}))
         await asyncio.sleep(0.5)
-        assert [list(one["topics"]) for one in socket.sent if one["topics"]] == [["alarms"], ["drives/a"]]
+        assert [list(message["topics"]) for message in socket.sent if message["topics"]] == [["alarms"], ["drives/a"]]
         socket.incoming.put_nowait(None)
         await task
 
@@ -450,7 +451,7 @@ def test_many_leases_are_renewed_by_one_message_and_answered_by_one() -> None:
         task = begin(live, socket)
         socket.incoming.put_nowait(json.dumps({"renew": drives}))
         await asyncio.sleep(1.0)
-        assert [list(one["drives"]) for one in socket.sent if one["type"] == "leases"] == [drives]
+        assert [list(message["drives"]) for message in socket.sent if message["type"] == "leases"] == [drives]
         socket.incoming.put_nowait(json.dumps({"renew": [*drives, "one-more"]}))
         await task
         assert socket.sent[-1]["reason"] == "bad_message"
@@ -633,7 +634,9 @@ def test_a_connection_with_invalid_parameters_is_closed_at_once(query: dict[str,
         socket.query_params = query
         await live.serve(cast(WebSocket, socket))
         assert (socket.closed, plant.subscriptions) == ((4400, "bad_message"), [])
-        assert [(one["type"], one["reason"]) for one in socket.sent] == [("closed", "bad_message")], "the last message"
+        assert [(message["type"], message["reason"]) for message in socket.sent] == [("closed", "bad_message")], (
+            "the last message"
+        )
 
     run_endpoint(scenario)
 

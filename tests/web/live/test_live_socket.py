@@ -184,7 +184,7 @@ async def test_a_lease_is_renewed_by_its_owner_over_the_connection(plant: Runnin
             by_token(plant, "?topics=alarms", Role.OPERATOR) as socket,
             by_token(plant, "?topics=alarms") as other,
         ):
-            answers = [await renewed(one) for one in (socket, other)]
+            answers = [await renewed(connection) for connection in (socket, other)]
         (await program.delete(f"{API_PREFIX}/drives/fan-1/lease")).raise_for_status()
     assert answers[0]["drives"]["fan-1"]["lease"]["owner"] == "operator/test"
     assert answers[1]["drives"]["fan-1"]["error"]["kind"] == "PermissionDenied"

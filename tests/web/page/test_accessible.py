@@ -49,9 +49,9 @@ def test_axe_finds_nothing_on_any_page(stage: Stage, visit: Any) -> None:
 
 def _violations(page: Any) -> list[str]:
     return [
-        f"{one['id']}: {one['nodes'][0]['html'][:160]} {one['nodes'][0]['any'][:1]}"
-        for one in axe_violations(page)
-        if one["impact"] != "minor"
+        f"{violation['id']}: {violation['nodes'][0]['html'][:160]} {violation['nodes'][0]['any'][:1]}"
+        for violation in axe_violations(page)
+        if violation["impact"] != "minor"
     ]
 
 
@@ -166,7 +166,7 @@ def test_the_stops_of_thirty_groups_are_all_in_sight(visit: Any) -> None:
     page.locator("[data-stop=groups]").click()
     page.locator(".stopmenu .stop").nth(29).wait_for()
     assert page.locator(".stopmenu").evaluate("one => one.scrollHeight - one.clientHeight") <= 0
-    boxes = [one.bounding_box() for one in page.locator(".stopmenu .stop").all()]
+    boxes = [button.bounding_box() for button in page.locator(".stopmenu .stop").all()]
     bar = page.locator(".stopbar").bounding_box()
     assert all(box["y"] >= 0 and box["y"] + box["height"] <= bar["y"] for box in boxes)
 
@@ -278,7 +278,7 @@ def test_what_is_chosen_is_seen_with_the_colours_of_the_system(stage: Stage, vis
     page.click("[data-do=take]")
     page.locator(".lease.own").wait_for()
     background = "one => getComputedStyle(one).backgroundColor"
-    chosen, other = (page.locator(f".control .choice [aria-pressed={one}]") for one in ("true", "false"))
+    chosen, other = (page.locator(f".control .choice [aria-pressed={state}]") for state in ("true", "false"))
     assert chosen.evaluate(background) != other.evaluate(background)
     edge = "one => getComputedStyle(one).borderBottomColor"
     for marked, rest in (

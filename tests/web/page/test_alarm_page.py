@@ -62,7 +62,7 @@ def test_an_alarm_is_shelved_with_a_reason_and_taken_back(stage: Stage, visit: A
     expect(shelved).to_contain_text(page_text("shelved_by", by="engineer", reason="fan is being repaired"))
 
     def records() -> list[Any]:
-        return [one for one in stage.call("audit.list", drive="pump-2")["items"] if one["what"] == "alarm.shelve"]
+        return [entry for entry in stage.call("audit.list", drive="pump-2")["items"] if entry["what"] == "alarm.shelve"]
 
     stage.wait(lambda: len(records()) == 2, "request and result are not recorded")
     recorded = records()[0]
@@ -134,7 +134,7 @@ def test_the_banner_names_equal_alarms_once_and_acknowledges_them(stage: Stage, 
     expect(banner.locator("a").first).to_contain_text(f"{page_text('alarm_group', title=title, n=3)} · Fan line: ")
     banner.locator("[data-do=acknowledge]").click()
     expect(banner).to_have_count(0)
-    assert [one for one in stage.call("alarms.list")["active"] if one["acknowledged_ms"] is None] == []
+    assert [alarm for alarm in stage.call("alarms.list")["active"] if alarm["acknowledged_ms"] is None] == []
 
 
 def test_past_alarms_are_listed_by_drive(stage: Stage, visit: Any, expect: Any) -> None:
@@ -176,7 +176,7 @@ def test_the_dialog_and_the_record_of_a_shelved_bus_alarm_name_the_bus(
         page.fill("dialog input", "adapter")
         page.click("dialog button[type=submit]")
         expect(page.locator("dialog")).to_have_count(0)
-        newest = next(one for one in stage.call("audit.list")["items"] if one["what"] == "alarm.shelve")
+        newest = next(entry for entry in stage.call("audit.list")["items"] if entry["what"] == "alarm.shelve")
         assert f"{name} · {title}" in newest["text"][language]
         stage.call("alarm.unshelve", alarm=newest["target"])
     finally:

@@ -71,7 +71,8 @@ def test_a_group_asks_all_holders_at_once_and_withdraws_at_once(stage: Stage, vi
     for page in (engineer, operator):
         page.click(".grouppanel summary")
     text, take = (
-        engineer.locator(f".grouppanel details .row {one}").first.bounding_box() for one in ("> span", ".button")
+        engineer.locator(f".grouppanel details .row {selector}").first.bounding_box()
+        for selector in ("> span", ".button")
     )
     assert abs(text["y"] + text["height"] / 2 - take["y"] - take["height"] / 2) < 3, "the text is not beside its button"
     engineer.click(".grouppanel .button.main")
@@ -84,7 +85,7 @@ def test_a_group_asks_all_holders_at_once_and_withdraws_at_once(stage: Stage, vi
         operator.click("[data-do=selection]")
         names = "Circulation pump, Feed pump"
         expect(operator.locator("dialog .notice")).to_have_text(page_text("selection_done", names=names))
-        done, close = (operator.locator(f"dialog {one}").bounding_box() for one in (".notice", ".row.end"))
+        done, close = (operator.locator(f"dialog {selector}").bounding_box() for selector in (".notice", ".row.end"))
         assert done["y"] + done["height"] <= close["y"], "the result is hidden behind the button"
         asked = page_text("control_incoming_for", user="operator", name=names, reason="pump exchange")
         expect(held).to_contain_text(asked)

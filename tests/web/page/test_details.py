@@ -73,8 +73,8 @@ def test_axe_finds_nothing_serious_in_the_details(stage: Stage, visit: Any) -> N
     found = {}
     for way in DETAILS:
         open_detail(page, way)
-        grave = [one for one in axe_violations(page) if one["impact"] in ("serious", "critical")]
-        found[way] = [(one["id"], one["nodes"][0]["html"][:160]) for one in grave]
+        grave = [violation for violation in axe_violations(page) if violation["impact"] in ("serious", "critical")]
+        found[way] = [(violation["id"], violation["nodes"][0]["html"][:160]) for violation in grave]
     assert {way: wrong for way, wrong in found.items() if wrong} == {}
 
 
@@ -195,7 +195,7 @@ def test_a_fault_without_a_label_has_a_dash_in_its_place(visit: Any, expect: Any
     page = visit("#/models/vc660?tab=faults")
     fault = page.get_by_role("region", name=page_text("all_faults")).locator("tbody tr").first
     expect(fault).to_contain_text("under-voltage")
-    assert "" not in [one.strip() for one in fault.locator("td").all_inner_texts()]
+    assert "" not in [cell.strip() for cell in fault.locator("td").all_inner_texts()]
 
 
 def test_a_search_of_the_faults_finds_their_words_and_no_names_of_fields(visit: Any, expect: Any) -> None:

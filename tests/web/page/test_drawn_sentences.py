@@ -356,7 +356,7 @@ def test_the_page_of_a_drive_names_its_own_alarms_each_once(draw: Draw, fan: Any
     more = i18n.text("page.more_alarms", "en", n=1)
     text = text_of({}, speed, *quiet)
     assert (text.count(no_fault), text.count(title), text.count(sentence)) == (1, 1, 1)
-    assert not [one for one in ("OF ANOTHER", "SHELVED", "CLEARED", more) if one in text]
+    assert not [word for word in ("OF ANOTHER", "SHELVED", "CLEARED", more) if word in text]
     text = text_of({}, speed, interlock)
     assert interlock["title"]["en"] in text and more in text
     assert title in text_of({"presence": "offline"}, speed)
@@ -364,7 +364,7 @@ def test_the_page_of_a_drive_names_its_own_alarms_each_once(draw: Draw, fan: Any
     assert "TRIPPED" not in text_of(fault, trip)
     text = text_of(fault, trip, speed, *quiet)
     assert (text.count("overheat"), text.count(title)) == (1, 1)
-    assert not [one for one in ("TRIPPED", "OF ANOTHER", "SHELVED", "CLEARED", more) if one in text]
+    assert not [word for word in ("TRIPPED", "OF ANOTHER", "SHELVED", "CLEARED", more) if word in text]
     without_status = {"state": "unknown", "capabilities": ["run", "stop"]}
     assert sentence in text_of(without_status, speed)
     assert text_of(without_status, *quiet) == i18n.text("page.no_drive_alarm", "en")

@@ -90,7 +90,7 @@ def test_a_drive_that_the_history_does_not_know_takes_no_sparkline_from_the_othe
 
 def without_pump(route: Any) -> None:
     answer = route.fetch()
-    kept = [one for one in answer.json()["tags"] if one["drive"] != "pump-1"]
+    kept = [tag for tag in answer.json()["tags"] if tag["drive"] != "pump-1"]
     route.fulfill(response=answer, json={"tags": kept})
 
 
@@ -320,7 +320,7 @@ def test_at_twice_its_size_a_small_screen_begins_with_the_drives(visit: Any, lan
     """Regression: five filters filled the screen of 1440 x 900 at 200 %."""
     page = visit("#/fleet", language=language, size=(720, 450))
     page.locator(".tile").nth(4).wait_for()
-    value, bar = (page.locator(one).first.bounding_box() for one in (".tile .value", ".stopbar"))
+    value, bar = (page.locator(selector).first.bounding_box() for selector in (".tile .value", ".stopbar"))
     assert value["y"] + value["height"] <= bar["y"]
     page.click(".morepicks")
     page.locator(".fleetpicks input[type=search]").wait_for()
@@ -344,9 +344,9 @@ def test_equal_sentences_of_many_drives_name_each_once_and_count_the_rest(
     scripts.evaluate("import('/static/js/i18n.js').then((m) => m.loadLanguage('en'))")
     item = "{ id: `d${n}`, key: 'k', params: { drive: `d${n}` }, text: { en: `d${n} may keep running`, zh: '' } }"
     call_of = f"m.mergeSentences(Array.from({{ length: {count} }}, (_, n) => ({item})))"
-    assert [(one["text"], one["isNamed"]) for one in call(scripts, "control/merge-sentences", call_of)] == [
-        (expected, True)
-    ]
+    assert [
+        (sentence["text"], sentence["isNamed"]) for sentence in call(scripts, "control/merge-sentences", call_of)
+    ] == [(expected, True)]
 
 
 def test_a_name_replaces_the_id_in_a_chinese_sentence_without_spaces(scripts: Any) -> None:

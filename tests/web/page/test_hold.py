@@ -46,7 +46,7 @@ def test_a_model_without_pause_and_ramp_hold_shows_neither(visit: Any) -> None:
 def test_a_leader_of_a_running_drive_offers_neither(stage: Stage, visit: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """The service refuses both, because the follower would run on; the page showed that after a click."""
     plant = stage.service.plant
-    groups = tuple(replace(one, leader="pump-1") if one.id == "water" else one for one in plant.config.groups)
+    groups = tuple(replace(group, leader="pump-1") if group.id == "water" else group for group in plant.config.groups)
     monkeypatch.setattr(plant, "config", replace(plant.config, groups=groups))
     for drive in ("pump-1", "pump-2"):
         stage.call("waiver.grant", drive=drive, reason="watched bench")

@@ -169,7 +169,7 @@ def test_no_button_of_the_control_panel_moves_while_a_jog_begins_and_ends(
         page.mouse.up()
         page.locator("[data-stop-by=jog]").wait_for()
         found.append(places())
-    assert len(found[0]) == 3 and all(one == found[0] for one in found), found
+    assert len(found[0]) == 3 and all(positions == found[0] for positions in found), found
 
 
 def test_a_jog_whose_renewal_fails_ends_with_an_error(stage: Stage, page: Any) -> None:

@@ -34,9 +34,9 @@ def test_a_printed_page_is_dark_on_white_and_nothing_lies_over_it(
     ink, paper = page.evaluate(INK)
     assert ink < 60 and paper == 255
     assert [
-        one
-        for one in (".stopbar", ".head nav", ".strip .button", "main .button")
-        if page.locator(one).first.is_visible()
+        selector
+        for selector in (".stopbar", ".head nav", ".strip .button", "main .button")
+        if page.locator(selector).first.is_visible()
     ] == []
     assert page.locator(".active-fault").is_visible() and page.locator(".strip .priority").is_visible()
     fixed = "all => all.filter((one) => getComputedStyle(one).position === 'fixed' && one.offsetHeight > 0).length"
@@ -67,7 +67,7 @@ def test_a_printed_incident_is_complete_and_its_chart_is_dark_on_white(stage: St
     page.locator(".trend-plot canvas").wait_for()
     page.emulate_media(media="print", color_scheme=theme)
     hidden = "one => Math.max(one.scrollHeight - one.clientHeight, one.scrollWidth - one.clientWidth)"
-    assert [one.evaluate(hidden) > 1 for one in page.locator("main .scroll").all()].count(True) == 0
+    assert [box.evaluate(hidden) > 1 for box in page.locator("main .scroll").all()].count(True) == 0
     page.locator(".trend-plot .u-wrap").evaluate("one => { one.style.width = '1400px'; }")
     assert page.locator(".trend-plot").evaluate("one => one.scrollWidth - one.clientWidth") <= 0
     chart = page.locator(".trend-plot canvas").evaluate("one => getComputedStyle(one).filter")

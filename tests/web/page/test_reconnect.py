@@ -129,7 +129,9 @@ def test_a_page_of_an_older_version_says_so_and_is_reloaded_by_a_button(visit: A
     assert page.locator("[data-text=new-version]").count() == 0
     page.evaluate(NEW_VERSION)
     page.locator("[data-text=new-version]", has_text="9.9.9").wait_for()
-    icon, text = (page.locator(f"[data-text=new-version] > {one}").bounding_box() for one in (".icon", "span"))
+    icon, text = (
+        page.locator(f"[data-text=new-version] > {selector}").bounding_box() for selector in (".icon", "span")
+    )
     assert icon["x"] + icon["width"] < text["x"]  # and not alone in the line above
     with page.expect_navigation():
         page.click("[data-do=reload-page]")

@@ -19,7 +19,9 @@ def test_after_a_stop_of_all_one_dialog_releases_the_chosen_drives(stage: Stage,
     page.locator("[data-stop-by=all]", has_text="Bus stop of all drives by").wait_for()
     page.locator(".stopbar [data-select]", has_text=str(len(every))).click()
     expecting()(page.locator("dialog input[type=checkbox]")).to_have_count(len(every))
-    box, act, bar = (page.locator(one).bounding_box() for one in ("dialog", "[data-do=selection]", ".stopbar"))
+    box, act, bar = (
+        page.locator(selector).bounding_box() for selector in ("dialog", "[data-do=selection]", ".stopbar")
+    )
     assert act["y"] + act["height"] <= box["y"] + box["height"] <= bar["y"], "the dialog's buttons are below the fold"
     line = page.locator("dialog [data-do=choose-none]").evaluate("(one) => getComputedStyle(one).textDecorationLine")
     assert line == "underline", "a button that looks like text"
@@ -75,8 +77,13 @@ def test_on_a_low_screen_the_reason_of_a_waiver_is_seen_above_the_buttons(
     page.locator(".grouppanel summary").first.click()
     page.click("main [data-select='/waivers']")
     names, reason, act, box = (
-        page.locator(one).bounding_box()
-        for one in (".dialog .choices", ".dialog form input:not([type=checkbox])", "[data-do=selection]", ".dialog")
+        page.locator(selector).bounding_box()
+        for selector in (
+            ".dialog .choices",
+            ".dialog form input:not([type=checkbox])",
+            "[data-do=selection]",
+            ".dialog",
+        )
     )
     assert box["y"] >= 0 and names["y"] + names["height"] <= reason["y"]
     assert reason["y"] + reason["height"] <= act["y"]

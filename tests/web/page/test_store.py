@@ -42,8 +42,8 @@ def test_a_delta_is_merged_into_the_known_values(scripts: Any) -> None:
 def test_many_leases_are_renewed_in_messages_that_the_server_takes(scripts: Any) -> None:
     drives = "Array.from({length: 450}, (_, n) => `d${n}`)"
     found = evaluate(scripts, "live", f"m.renewMessages({drives})")
-    assert [len(one["renew"]) for one in found] == [MAX_RENEWALS, MAX_RENEWALS, 50]
-    assert [drive for one in found for drive in one["renew"]] == [f"d{n}" for n in range(450)]
+    assert [len(message["renew"]) for message in found] == [MAX_RENEWALS, MAX_RENEWALS, 50]
+    assert [drive for message in found for drive in message["renew"]] == [f"d{n}" for n in range(450)]
     assert evaluate(scripts, "live", "m.renewMessages([])") == []
 
 
@@ -235,11 +235,11 @@ def test_two_chinese_values_side_by_side_have_no_space_between_them_on_the_page(
     evaluate(scripts, "i18n", "m.loadLanguage('zh')")
     values = [("九十", "转"), (90, "转"), ("九十", "Hz")]
     texts = [
-        evaluate(scripts, "i18n", f"m.t('page.spark', {{high: {json.dumps(one)}, unit: '{two}'}})")
-        for one, two in values
+        evaluate(scripts, "i18n", f"m.t('page.spark', {{high: {json.dumps(high)}, unit: '{unit}'}})")
+        for high, unit in values
     ]
     evaluate(scripts, "i18n", "m.loadLanguage('en')")
-    assert [one.rpartition("至")[2].strip() for one in texts] == ["九十转", "90 转", "九十 Hz"]
+    assert [text.rpartition("至")[2].strip() for text in texts] == ["九十转", "90 转", "九十 Hz"]
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])

@@ -43,7 +43,7 @@ def test_a_swipe_that_begins_on_the_slider_or_a_button_scrolls_the_page_only(sta
         swipe(page, f".control {begin} >> nth=0", 200)
         assert page.input_value(".control .frequency input[inputmode=decimal]") == "20"
     swipe(page, "[data-stop=all]", 200)
-    assert [one for one in sent if "/fan-1/" in one or one.endswith("/stop")] == []
+    assert [request for request in sent if "/fan-1/" in request or request.endswith("/stop")] == []
 
 
 def test_a_tap_on_the_slider_still_sets_it(stage: Stage, visit: Any) -> None:

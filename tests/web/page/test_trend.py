@@ -121,7 +121,11 @@ def test_a_cursor_far_from_any_sample_reads_nothing(scripts: Any) -> None:
 
 def test_stretches_of_uncertain_and_bad_quality_are_shown_below(scripts: Any) -> None:
     found = module(scripts, "columns", f"m.stretches({json.dumps(SERIES)}, 9000)")
-    assert [(one["from"], one["to"], one["q"]) for one in found] == [(2000, 3000, 2), (3000, 4000, 1), (5000, 9000, 2)]
+    assert [(stretch["from"], stretch["to"], stretch["q"]) for stretch in found] == [
+        (2000, 3000, 2),
+        (3000, 4000, 1),
+        (5000, 9000, 2),
+    ]
 
 
 def test_after_the_port_was_lost_there_is_a_gap_up_to_now_also_on_a_page_that_is_loaded_later(scripts: Any) -> None:
@@ -214,7 +218,7 @@ def test_a_chart_has_the_axes_of_two_units_and_none_for_a_word(
 
 def test_a_chart_of_many_signals_begins_with_those_of_two_units(scripts: Any) -> None:
     found = module(scripts, "lines", f"m.firstLines({json.dumps(LINES)})")
-    assert [one["tag"] for one in found] == ["d.hz", "d.a", "d.set"]
+    assert [line["tag"] for line in found] == ["d.hz", "d.a", "d.set"]
 
 
 def test_a_chart_of_nothing_but_words_shows_them(scripts: Any) -> None:

@@ -66,8 +66,10 @@ def test_no_operation_that_changes_anything_is_reached_by_get() -> None:
 def test_commands_and_renewals_do_not_wait_in_the_read_queue() -> None:
     """A stop that overtakes a command sent before it would not void that command."""
     yields = {(route.method, route.path): route.yields for route in ROUTES}
-    urgent = [one for one in EVERY_OPERATION if not one.yields and one.right is not AccessLevel.PUBLIC]
-    assert urgent and not [one for one in urgent if yields[one.method, one.url_path]]
+    urgent = [
+        operation for operation in EVERY_OPERATION if not operation.yields and operation.right is not AccessLevel.PUBLIC
+    ]
+    assert urgent and not [operation for operation in urgent if yields[operation.method, operation.url_path]]
     assert all(
         route.yields for route in ROUTES if route.method in ("GET", WEBSOCKET) or route.access is AccessLevel.PUBLIC
     )

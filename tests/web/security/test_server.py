@@ -113,7 +113,7 @@ async def test_the_real_socket_is_on_loopback_without_tls_whatever_the_setting(t
         sockets = await asyncio.to_thread(Path("/proc/self/net/tcp").read_text)
         listening = [line.split()[1] for line in sockets.splitlines()[1:]]
         port = f"{where(text[0])[1]:04X}"
-        assert [one.partition(":")[0] for one in listening if one.endswith(port)] == ["0100007F"]
+        assert [address.partition(":")[0] for address in listening if address.endswith(port)] == ["0100007F"]
 
 
 async def test_the_server_moves_to_its_address_when_the_first_administrator_exists(
@@ -150,7 +150,7 @@ async def test_a_server_that_ends_in_order_gives_each_websocket_the_reason(tmp_p
     with pytest.raises(ConnectionClosed):
         while True:
             messages.append(json.loads(await live.recv()))
-    assert [one["type"] for one in messages] == ["snapshot", "closed"]
+    assert [message["type"] for message in messages] == ["snapshot", "closed"]
     assert (messages[-1]["reason"], live.close_code) == ("shutdown", 1012)
 
 
@@ -458,7 +458,7 @@ async def test_a_stop_works_beside_500_idle_connections(tmp_path: Path) -> None:
             ended = await asyncio.gather(
                 *(asyncio.wait_for(reader.read(), 60) for reader, _ in idle), return_exceptions=True
             )
-            assert not [one for one in ended if isinstance(one, TimeoutError)]
+            assert not [outcome for outcome in ended if isinstance(outcome, TimeoutError)]
             for _, writer in idle:
                 writer.close()
     assert [call[0] for call in harness.service.calls] == ["plant.stop"]

@@ -30,7 +30,9 @@ AT_ONCE_S = 1.0
 def on_a_plant(directory: Path, scenario: Callable[[ServiceKit, WebAppHarness], Awaitable[None]]) -> None:
     async def whole() -> None:
         found = plant_config()
-        drives = [replace(one, on_client_lost=OnClientLost.STOP) if one.id == "fan-1" else one for one in found.drives]
+        drives = [
+            replace(drive, on_client_lost=OnClientLost.STOP) if drive.id == "fan-1" else drive for drive in found.drives
+        ]
         async with running_service(replace(found, drives=tuple(drives))) as kit:
             harness = WebAppHarness(directory, service=kit.service)
             await asyncio.sleep(5)
@@ -49,7 +51,7 @@ async def start(client: AsyncClient, drive: str, action: str = "run") -> Any:
 
 
 def ended_records(kit: ServiceKit) -> list[Any]:
-    return [one for one in kit.trail.entries if one.what == SESSION_ENDED]
+    return [entry for entry in kit.trail.entries if entry.what == SESSION_ENDED]
 
 
 def test_a_removed_user_loses_control_at_once_and_each_drive_does_what_its_policy_says(tmp_path: Path) -> None:
@@ -67,7 +69,7 @@ def test_a_removed_user_loses_control_at_once_and_each_drive_does_what_its_polic
         ended = kit.drives_of_events("plant.lease_ended_with_session", owner="operator", reason=reason)
         assert (ended, kit.drives_of_events("plant.lease_lost", owner="operator")) == (["fan-1", "fan-2"], [])
         assert kit.drives_of_events("plant.stopped_client_lost", owner="operator") == ["fan-1"]
-        assert {one.kind: one.drive for one in plant.alarms.active()} == {"control_lost": "fan-2"}
+        assert {alarm.kind: alarm.drive for alarm in plant.alarms.active()} == {"control_lost": "fan-2"}
         (record,) = ended_records(kit)
         assert (record.who, record.params["drives"]) == ("operator", ["fan-1", "fan-2"])
         text = described({"what": record.what, "who": {"name": record.who}, "target": "", "params": record.params})
@@ -104,7 +106,9 @@ def test_a_withdrawn_token_loses_control_at_once_and_another_session_keeps_its_o
         assert kit.drives_of_events("plant.stopped_client_lost", owner="operator/t") == ["fan-1"]
         plant = kit.service.plant
         assert plant.leases.get("fan-2", plant.now()) is not None
-        assert [one.who for one in ended_records(kit)] == ["operator/t"], "a session without control leaves no record"
+        assert [entry.who for entry in ended_records(kit)] == ["operator/t"], (
+            "a session without control leaves no record"
+        )
 
     on_a_plant(tmp_path, scenario)
 
@@ -121,7 +125,7 @@ def test_a_token_that_loses_one_right_after_the_other_controls_drives_until_it_l
             roles[role] = plant.leases.get("fan-1", plant.now()) is not None
         assert roles == {"operator": True, "viewer": False}
         assert kit.drives_of_events("plant.stopped_client_lost", owner="engineer/t") == ["fan-1"]
-        assert [one.who for one in ended_records(kit)] == ["engineer/t"]
+        assert [entry.who for entry in ended_records(kit)] == ["engineer/t"]
 
     on_a_plant(tmp_path, scenario)
 
@@ -149,7 +153,7 @@ def test_a_users_file_that_is_damaged_for_a_while_does_not_end_the_watch_of_sess
         UserFile(file.path).change(lambda _: repaired)
         await asyncio.sleep(AT_ONCE_S)
         assert plant.leases.get("fan-1", plant.now()) is None
-        assert [one.who for one in ended_records(kit)] == ["operator"]
+        assert [entry.who for entry in ended_records(kit)] == ["operator"]
 
     on_a_plant(tmp_path, scenario)
 

@@ -73,7 +73,7 @@ def test_an_ended_credential_closes_with_a_reason_and_disconnects_the_route(acce
         line.coming.put_nowait({"type": "websocket.receive", "text": "a"})
         await asyncio.sleep(1)
         before = list(line.sent)
-        assert [one["type"] for one in before] == ["websocket.accept"] * accepted + ["websocket.send"]
+        assert [message["type"] for message in before] == ["websocket.accept"] * accepted + ["websocket.send"]
         credential.over.set()
         await watching
         assert got == [{"type": "websocket.receive", "text": "a"}, GONE, GONE]

@@ -74,8 +74,8 @@ def test_a_right_that_ends_while_the_body_is_sent_slowly_is_no_right(
 
 def audit_entries(harness: WebAppHarness, *excluded: str) -> list[tuple[str, str, str, Json, str]]:
     """Return actor, operation, target, parameters and outcome of the audit records, without ``excluded`` operations."""
-    entries = [(who.name, one) for one, who in harness.service.records if one["what"] not in excluded]
-    return [(name, one["what"], one["target"], one["params"], one["outcome"]) for name, one in entries]
+    entries = [(who.name, entry) for entry, who in harness.service.records if entry["what"] not in excluded]
+    return [(name, entry["what"], entry["target"], entry["params"], entry["outcome"]) for name, entry in entries]
 
 
 async def done(client: AsyncClient, method: str, path: str, body: Any = None) -> Json:
@@ -97,7 +97,7 @@ RECORDED_CHANGES: dict[str, Json] = {
 
 @pytest.mark.parametrize(
     "operation",
-    [one for one in WEB_OPERATIONS.values() if one.audit is Audit.REQUIRED],
+    [operation for operation in WEB_OPERATIONS.values() if operation.audit is Audit.REQUIRED],
     ids=lambda operation: operation.name,
 )
 def test_a_change_that_requires_an_audit_record_is_recorded_or_not_made(operation: Operation, tmp_path: Path) -> None:
@@ -115,7 +115,7 @@ def test_a_change_that_requires_an_audit_record_is_recorded_or_not_made(operatio
         assert harness.auth.database == before
         harness.service.audit_fails = False
         await done(admin, operation.method, path, body)
-        outcomes = [one["outcome"] for one, _ in harness.service.records if one["what"] == operation.name]
+        outcomes = [entry["outcome"] for entry, _ in harness.service.records if entry["what"] == operation.name]
         assert outcomes[-2:] == ["requested", "done"] and harness.auth.database != before
 
     run(scenario())
@@ -229,7 +229,7 @@ def test_every_failed_login_is_in_the_audit_trail_with_its_reason(tmp_path: Path
             ("operator", "password", "operator", None, "requested"),
             ("operator", "password", "operator", None, "auth.wrong_password"),
         ]
-        assert all(who.rights == frozenset() for one, who in harness.service.records if one["what"] == "refused")
+        assert all(who.rights == frozenset() for entry, who in harness.service.records if entry["what"] == "refused")
 
     run(scenario())
 
@@ -274,7 +274,9 @@ def test_a_flood_of_changes_of_the_own_account_is_counted_beyond_a_budget(
         if way == "token":
             path, body = "/tokens", {"name": "report", "rights": ["view"]}
         answers = [await viewer.post(f"/api/v1{path}", json=body) for _ in range(40)]
-        refused = [one for one in answers if one.status_code == 429 and "plant.too_many_commands" in one.text]
+        refused = [
+            answer for answer in answers if answer.status_code == 429 and "plant.too_many_commands" in answer.text
+        ]
         if way == "token":
             assert answers[-1] in refused
             assert int(refused[-1].headers["retry-after"]) >= 1
@@ -426,16 +428,16 @@ def test_a_user_sees_and_ends_the_own_sessions_with_the_password(tmp_path: Path)
         other = await harness.log_in("engineer")
         harness.clock.now += 60.0
         found = (await done(mine, "GET", "/sessions"))["sessions"]
-        assert [one["current"] for one in found] == [False, True]
-        assert {one["opened_ms"] for one in found} == {harness.clock.wall_ms() - 60_000}
-        assert {one["address"] for one in found} == {"127.0.0.1"}
+        assert [session["current"] for session in found] == [False, True]
+        assert {session["opened_ms"] for session in found} == {harness.clock.wall_ms() - 60_000}
+        assert {session["address"] for session in found} == {"127.0.0.1"}
         path = f"/api/v1/sessions/{found[0]['id']}/end"
         assert (await mine.post(path, json={"password": "wrong password"})).status_code == 403
         assert (await other.post(path, json={"password": PASSWORD})).status_code == 404
         assert (await lost.get("/api/v1/drives")).status_code == 200
         await done(mine, "POST", f"/sessions/{found[0]['id']}/end", {"password": PASSWORD})
         assert (await lost.get("/api/v1/drives")).status_code == 401
-        assert [one["id"] for one in (await done(mine, "GET", "/sessions"))["sessions"]] == [found[1]["id"]]
+        assert [session["id"] for session in (await done(mine, "GET", "/sessions"))["sessions"]] == [found[1]["id"]]
         assert ("operator", "session.end", found[0]["id"], {}, "done") in audit_entries(harness, "login")
         await done(mine, "POST", f"/sessions/{found[1]['id']}/end", {"password": PASSWORD})
         assert (await mine.get("/api/v1/drives")).status_code == 401
@@ -495,7 +497,7 @@ def test_a_token_has_the_requested_rights_and_expires_on_its_date(tmp_path: Path
         params = {"name": "scada", "rights": ["stop", "view"], "days": 30}
         changes = [("token.add", token["id"], params), ("token.remove", token["id"], {})]
         assert audit_entries(harness, "login") == [
-            ("operator", *one, outcome) for one in changes for outcome in ("requested", "done")
+            ("operator", *change, outcome) for change in changes for outcome in ("requested", "done")
         ]
         usual = await done(client, "POST", "/tokens", {"name": "t", "rights": ["view"]})
         assert usual["token"]["expires_ms"] == now_ms + 90 * DAY_MS
@@ -567,7 +569,7 @@ def test_a_session_that_another_login_replaces_is_gone_after_a_crash_too(tmp_pat
         (before,) = harness.auth.sessions.of_user("operator")
         await done(client, "POST", "/login", {"name": "viewer", "password": PASSWORD})
         assert before.end_reason == "replaced"
-        assert [one.user for one in harness.auth.session_store.read()] == ["viewer"]
+        assert [session.user for session in harness.auth.session_store.read()] == ["viewer"]
 
     run(scenario())
 
