@@ -108,8 +108,8 @@ def count_undefined(root: Path) -> int:
     """Return the number of places where such a code stands."""
     defined = definitions(root)
     texts = {path: _text(path) for path in searched_files(root)}
-    ids = [one for text in texts.values() for one in (*TRAP.findall(text), *INVARIANT.findall(text))]
-    return sum(one not in defined for one in ids) + sum(len(_undefined(path, text)) for path, text in texts.items())
+    ids = [code for text in texts.values() for code in (*TRAP.findall(text), *INVARIANT.findall(text))]
+    return sum(code not in defined for code in ids) + sum(len(_undefined(path, text)) for path, text in texts.items())
 
 
 def _undefined(path: Path, text: str) -> list[str]:

@@ -127,8 +127,10 @@ def measure(root: Path, column: str) -> dict[str, object]:
         "undefined_ids": count_undefined(root),
         "declarations": operation_declarations(root),
         "wheel_kb": round(wheel_bytes(root) / 1000),
-        "walks": {name: len(checked_walk(root, one[column])) or None for name, one in walks["walks"].items()},
-        "additions": {name: len(checked_files(root, one[column])) or None for name, one in walks["additions"].items()},
+        "walks": {name: len(checked_walk(root, walk[column])) or None for name, walk in walks["walks"].items()},
+        "additions": {
+            name: len(checked_files(root, addition[column])) or None for name, addition in walks["additions"].items()
+        },
     }
 
 
@@ -157,7 +159,9 @@ def import_cycles(source: Path, *, typing: bool, packages: bool = False) -> list
     modules = {name.removesuffix(".__init__"): path for name, path in names.items()}
     graph: dict[str, set[str]] = {}
     for name, path in modules.items():
-        imported = {module for one in _imports(path, typing=typing) if (module := _module_of(one, modules))}
+        imported = {
+            module for imported_name in _imports(path, typing=typing) if (module := _module_of(imported_name, modules))
+        }
         if packages:
             imported |= {package for module in imported for package in _packages(module)} - _packages(name)
         graph[name] = imported - {name}
@@ -286,11 +290,13 @@ def page(found: dict[str, dict[str, object]], language: str) -> str:
     place = ("en", "zh").index(language)
     other = "[中文](structure.zh.md)" if language == "en" else "[English](structure.md)"
     head = [f"| {titles['measure']} | {titles['before']} | {titles['after']} |", "| --- | --- | --- |"]
-    commits = {name: str(one["commit"]) for name, one in found.items()}
+    commits = {name: str(figures["commit"]) for name, figures in found.items()}
 
     def row(name: str, before: object, after: object) -> str:
         return (
-            "| " + " | ".join([name, *(titles["open"] if one is None else str(one) for one in (before, after))]) + " |"
+            "| "
+            + " | ".join([name, *(titles["open"] if figure is None else str(figure) for figure in (before, after))])
+            + " |"
         )
 
     rows = [row(texts[place], found["before"][key], found["after"][key]) for key, texts in MEASURES.items()]

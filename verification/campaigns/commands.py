@@ -251,7 +251,9 @@ class CommandEpisode:
                 self._check_last_stop(stops[-1], pending=self.scenario.drives[address].stop_pending)
 
     def _check_last_stop(self, stop: UserCommand, *, pending: bool) -> None:
-        newer = [one for one in self._commands_of(stop.address) if one.is_motion and one.number > stop.number]
+        newer = [
+            command for command in self._commands_of(stop.address) if command.is_motion and command.number > stop.number
+        ]
         violation = self.scenario.oracle.violation
         history = self.scenario.oracle.histories.get(stop.address)
         if history is None:
@@ -259,13 +261,13 @@ class CommandEpisode:
                 violation(f"absent drive: {stop} was given up")
             return
         self.scenario.station(stop.address)  # computes the motor up to now
-        overruled = any(one.frames_sent for one in newer)
+        overruled = any(command.frames_sent for command in newer)
         if pending and not overruled:
             violation(f"lost stop: {stop} is not done {SETTLING_TIME_S} s after the bus was restored")
         if history.stop_received_at < stop.at and not overruled and not self.variant.reports_running:
             violation(f"lost stop: {stop} ended as {stop.result_word}, and the drive never received it")
         # a run is also sent as a new frequency to a motor that ran
-        run_since = any(one.method == "run" and one.frames_sent for one in newer)
+        run_since = any(command.method == "run" and command.frames_sent for command in newer)
         by_another = history.on_at > stop.at and (
             history.started_for is None or history.started_for.number > stop.number
         )

@@ -118,7 +118,7 @@ def run(campaign_run: CampaignRun) -> None:
     fail_file_calls(campaign_run, "store", STORE_FAILURES, partial(files.fail_store, campaign_run))
     fail_file_calls(campaign_run, "store, power cut", (KILL_MODE,), partial(files.fail_store, campaign_run, power=True))
     fail_file_calls(
-        campaign_run, "capture", CAPTURE_FAILURES, lambda one: files.fail_capture(campaign_run, one, clean, records)
+        campaign_run, "capture", CAPTURE_FAILURES, lambda disk: files.fail_capture(campaign_run, disk, clean, records)
     )
     fail_file_calls(campaign_run, "profiles", READ_FAILURES, partial(files.fail_profile, campaign_run), files.PROFILES)
     fail_file_calls(

@@ -104,7 +104,7 @@ def vector_cases(folder: Path) -> Iterator[FlipCase]:
     """Yield every frame of ``vectors/`` and of each family, as printed and as correct, with every possible receiver."""
     campaigns = family_campaigns().values()
     codecs = {key: names for campaign in campaigns for key, names in campaign.codecs_of_vectors.items()}
-    missing = {name: frame for one in campaigns for name, frame in one.missing_requests.items()}
+    missing = {name: frame for campaign in campaigns for name, frame in campaign.missing_requests.items()}
     lines = [json.loads(line) for path in sorted(folder.glob("*.jsonl")) for line in path.open(encoding="utf-8")]
     right = {line["id"]: bytes.fromhex(line.get("canonical_hex", line["hex"])) for line in lines}
     for line in lines:
@@ -129,7 +129,7 @@ def vector_cases(folder: Path) -> Iterator[FlipCase]:
                     yield FlipCase(
                         vector=line["id"], printed=frame == printed, role="reply", codec=codec, sent=sent, frame=frame
                     )
-    for worked in (frame for one in campaigns for frame in one.worked_frames):
+    for worked in (frame for campaign in campaigns for frame in campaign.worked_frames):
         yield from _worked_cases(worked)
 
 

@@ -19,7 +19,7 @@ def family_campaigns() -> dict[str, FamilyCampaign]:
 def campaign_of(model: str) -> FamilyCampaign:
     """Return what the campaigns need of a model's family. Raises KeyError."""
     facts = facts_by_model()[model]
-    return next(family_campaigns()[name] for name, one in family_facts().items() if one is facts)
+    return next(family_campaigns()[name] for name, candidate in family_facts().items() if candidate is facts)
 
 
 def written_parameter(model: str) -> WrittenParameter:

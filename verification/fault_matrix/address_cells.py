@@ -166,7 +166,9 @@ def _check_all_stopped(scenario: MatrixScenario, broadcasts: list[SentRequest], 
         "a broadcast that is no stop",
     )
     if scenario.variant.model == "dzb100":
-        scenario.expect(all(one.data[2:5] == b"\x0200" for one in broadcasts), "A is not 02, or the address not 00")
+        scenario.expect(
+            all(broadcast.data[2:5] == b"\x0200" for broadcast in broadcasts), "A is not 02, or the address not 00"
+        )
 
 
 def _stop_all(scenario: MatrixScenario) -> StopReport:

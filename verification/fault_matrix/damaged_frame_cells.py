@@ -132,7 +132,7 @@ def truncated_answer(run: CellRun) -> None:
     cut = run.rng.randrange(1, len(scenario.replies[0].data) - 1)
     check_failed_read(scenario, lambda transmit, data, when: transmit(data[:-cut], when), "NoReply")
     failure = next(event for event in scenario.events if event.kind is TraceKind.INVALID)
-    request = next(one for one in scenario.requests[2:] if one.address == 1)
+    request = next(request for request in scenario.requests[2:] if request.address == 1)
     min_timeout_s = (
         run.variant.min_timeout_s + run.variant.min_timeout_characters * scenario.simulated_bus.settings.character_s
     )

@@ -83,7 +83,7 @@ def operation_only_after_status(run: CellRun) -> None:
             scenario.command_to_end(1, what, *(() if what == "stop" else (run.random_hz(),)))
     scenario.command_to_end(1, "reset_fault")
     scenario.loop.run_until_complete(scenario.drives[1].read(("F0.1", "F9.4")))
-    moves = [index for index, one in enumerate(scenario.requests) if one.effect is RequestEffect.MOTION]
+    moves = [index for index, request in enumerate(scenario.requests) if request.effect is RequestEffect.MOTION]
     scenario.expect(len(moves) == 2, f"{len(moves)} starts for two runs from standstill")
     for one, other in pairwise([0, *moves]):
         status_reads = [sent for sent in scenario.requests[one:other] if status_read_key(scenario.variant, sent.data)]
@@ -180,7 +180,9 @@ def toggle_is_never_sent(run: CellRun) -> None:
         frame = scenario.drives[1].dialect.codec.encode_request(request)
         scenario.expect(not scenario.drives[1].dialect.is_allowed(frame), f"the permissives allow {toggle:04X}")
     words = [
-        word[1] for one in scenario.requests if (word := modbus_write(scenario.variant, one.data)) and word[0] == 0x2000
+        word[1]
+        for sent in scenario.requests
+        if (word := modbus_write(scenario.variant, sent.data)) and word[0] == 0x2000
     ]
     scenario.expect(len(words) > 6 and not any(word & 0x0C == 0x0C for word in words), f"{words}")
 

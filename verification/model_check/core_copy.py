@@ -285,15 +285,15 @@ _RULES: dict[str, Callable[[Any, Any, float, float], Any] | None] = {
     "until": time_until,
     "quiet": lambda when, core, now, _: min(now - when, core.settings.seconds(1)),
     "silence timeout": _silence_key,
-    "foreign request": lambda one, thing, now, far_s: (
-        one and (one.address, time_until(one.reply_until, one, now, far_s))
+    "foreign request": lambda request, thing, now, far_s: (
+        request and (request.address, time_until(request.reply_until, request, now, far_s))
     ),
     "fragment": lambda data, thing, now, _: data if now - thing._fragment_at <= MAX_FRAGMENT_PAUSE_S else b"",
-    "there": lambda one, thing, now, _: one is not None,
+    "there": lambda value, thing, now, _: value is not None,
     "many": lambda ones, thing, now, _: len(ones),
     "attempts": lambda attempts, prepared, now, _: attempts if prepared.priority is not RequestPriority.STOP else None,
-    "value": lambda one, thing, now, _: one.value,
-    "name": lambda one, thing, now, _: one.name,
+    "value": lambda member, thing, now, _: member.value,
+    "name": lambda member, thing, now, _: member.name,
     "data": lambda data, prepared, now, _: b"" if prepared.is_sync_probe else data,
     "owner": lambda station, prepared, now, _: station.start_inhibited if prepared.permit is not None else None,
     "owners": lambda stations, scheduler, now, _: [station.address for station in stations],
@@ -301,7 +301,7 @@ _RULES: dict[str, Callable[[Any, Any, float, float], Any] | None] = {
         permit and (permit.stop_epoch == prepared.station.stop_epoch, permit.effect.value)
     ),
     "gone": lambda gone, registry, now, _: [
-        (one, gone[one].start_inhibited) for one in sorted(gone) if one not in registry.stations
+        (address, gone[address].start_inhibited) for address in sorted(gone) if address not in registry.stations
     ],
 }
 _PLAIN = frozenset({int, float, str, bytes, bool, type(None)})

@@ -123,5 +123,5 @@ class PermitMonitor:
         }
         if not matching:
             return effect, None, ("command",)
-        slot = min(matching, key=lambda one: (len(matching[one]), one))
+        slot = min(matching, key=lambda candidate: (len(matching[candidate]), candidate))
         return effect, slot, matching[slot]

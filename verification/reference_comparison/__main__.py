@@ -85,10 +85,10 @@ def nested(counts: Counter[tuple[str, str]]) -> dict[str, dict[str, int]]:
 def rows(found: dict[str, Any]) -> list[str]:
     """Return the rows of the pages' table: codec, requests, replies, accepted, rejected, choices, disagreements."""
     return [
-        f"| {name} | {one['totals']['built']:,} | {one['replies_judged']:,} | {one['totals']['accepted']:,} "
-        f"| {one['totals']['refused']:,} | {one['totals'].get('chosen', 0):,} | {one['disagreements']} "
-        f"| {one['upper_bound_95']} |"
-        for name, one in found["codecs"].items()
+        f"| {name} | {figures['totals']['built']:,} | {figures['replies_judged']:,} "
+        f"| {figures['totals']['accepted']:,} | {figures['totals']['refused']:,} "
+        f"| {figures['totals'].get('chosen', 0):,} | {figures['disagreements']} | {figures['upper_bound_95']} |"
+        for name, figures in found["codecs"].items()
     ]
 
 

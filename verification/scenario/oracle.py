@@ -93,7 +93,7 @@ class Oracle:
 
         def on_dispatch(frame: Any, stations: Any, transmission: Any, now: float) -> None:
             self._current_request = next(
-                (known for one, known in reversed(self._requests) if one is transmission), None
+                (known for sent, known in reversed(self._requests) if sent is transmission), None
             )
             dispatch(frame, stations, transmission, now)
             self._current_request = None
@@ -134,7 +134,9 @@ class Oracle:
         frame = ClassifiedFrame(transmission.start, transmission.end, address, effect, self._command_of(data, effect))
         self._trace(f"> {address} {effect} {data.hex()}", transmission.start)
         last_end = self._requests[-1][1].end if self._requests else 0.0
-        answered = any(last_end < one.end <= transmission.start + 1e-9 for _, one in reversed(self._deliveries))
+        answered = any(
+            last_end < delivered.end <= transmission.start + 1e-9 for _, delivered in reversed(self._deliveries)
+        )
         if effect is not RequestEffect.READ and address not in self.histories:
             self.campaign_run.count("acting frames to absent drives")
         if effect is not RequestEffect.READ:

@@ -138,7 +138,7 @@ class LateReplyCounter:
             reply = transmit_reply(source, data, now, at)
             name = self._lateness_class(reply.start - at)
             if len(self._late) >= MAX_LOGGED_REPLIES:
-                self._late = {end: one for end, one in self._late.items() if end > now - REPLY_LOG_S}
+                self._late = {end: logged for end, logged in self._late.items() if end > now - REPLY_LOG_S}
             self._late[reply.end] = name, now
             counts[name] += 1
             return reply

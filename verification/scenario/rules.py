@@ -264,7 +264,7 @@ class DriveHistory:
 
     def is_undisturbed(self, command: UserCommand) -> bool:
         """Return whether no other command and no local action fell into the time of this command."""
-        others = (one for one in self.commands if one is not command)
+        others = (other for other in self.commands if other is not command)
         overlap = any(other.ended_at is None or other.ended_at >= command.at for other in others)
         return not overlap and self.local_action_at < command.at
 

@@ -140,7 +140,7 @@ class StatementChecker:
     def _was_reported_hz(value: float, key: str, reports: list[Report]) -> bool:
         setpoint = key.startswith("drives.setpoint")
         values = (r.setpoint_hz if setpoint else r.hz for r in reports)
-        return any(one is not None and abs(one - value) <= REPORT_TOLERANCE_HZ for one in values)
+        return any(reported is not None and abs(reported - value) <= REPORT_TOLERANCE_HZ for reported in values)
 
     # --- what the drive did -------------------------------------------------------------------------------------------
 
