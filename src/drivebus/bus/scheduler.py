@@ -181,10 +181,12 @@ class Scheduler:
         ):
             return chosen
         if commands or stop_reads or parameters:
-            parameters_first = self._stop_reads_in_row >= MAX_STOP_READS_IN_ROW
-            reads = (parameters, stop_reads) if parameters_first else (stop_reads, parameters)
-            commands_last = self._commands_in_row >= MAX_COMMANDS_IN_ROW
-            for queue in (*reads, commands) if commands_last else (commands, *reads):
+            queues = (commands, stop_reads, parameters)
+            if self._stop_reads_in_row >= MAX_STOP_READS_IN_ROW:
+                queues = (commands, parameters, stop_reads)
+            if self._commands_in_row >= MAX_COMMANDS_IN_ROW:
+                queues = (*queues[1:], commands)
+            for queue in queues:
                 if queue and (chosen := self._next_sendable(queue, now)):
                     return chosen
         if self.untrusted_stations and (chosen := self._next_sync_probe(now)):
