@@ -104,7 +104,7 @@ def test_an_overspeed_is_stopped_within_8_s_while_eight_drives_of_the_bus_ramp_d
 def test_a_stop_that_the_drive_ignores_leaves_the_outcome_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
     execute = ShownStation._execute
     stop_word = RIGHT.commands.values["stop"] if RIGHT.commands else 0
-    monkeypatch.setattr(ShownStation, "_execute", lambda one, word: 0 if word == stop_word else execute(one, word))
+    monkeypatch.setattr(ShownStation, "_execute", lambda self, word: 0 if word == stop_word else execute(self, word))
 
     async def scenario() -> None:
         async with bench(TEN_TIMES) as (drive, station):

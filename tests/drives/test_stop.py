@@ -437,7 +437,7 @@ def test_a_stop_without_effect_names_the_last_report_with_a_frequency_only_where
 ) -> None:
     profile = profiles.load("vc660")
     hidden = () if output_hz is not None else ("output_frequency",)
-    profile = replace(profile, signals={name: one for name, one in profile.signals.items() if name not in hidden})
+    profile = replace(profile, signals={name: signal for name, signal in profile.signals.items() if name not in hidden})
     registers = {0x3000: 0x0009, 0x3002: 2500}
     bus = PureBus(dialect=create_dialect(profile, 1), station=FakeModbus(registers=registers))
     outcome = bus.run(stop(operation_for(bus.dialect)))
