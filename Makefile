@@ -38,8 +38,9 @@ else
 	$(BIN)/python -m pytest $(ALONE)
 endif
 
-check: $(VENV)/.test ## Formatting, lint, types, layers and generated docs only
-	$(BIN)/python -m pytest tests/test_quality_gates.py tests/test_docs.py::test_the_generated_parts_are_up_to_date $(ARGS)
+check: $(VENV)/.test ## Formatting, lint, types, layers, texts and generated docs only
+	$(BIN)/python -m pytest tests/test_quality_gates.py tests/test_architecture.py tests/test_words.py tests/test_i18n.py \
+		tests/test_sentences.py tests/test_docs.py $(ARGS)
 
 docs: $(VENV)/.test ## Write the generated pages again
 	$(BIN)/python docs/generate.py
