@@ -116,7 +116,10 @@ def test_no_name_and_no_first_sentence_has_one_of_the_words() -> None:
     files = [path for path in files if "vendor" not in path.parts and "node_modules" not in path.parts]
     assert len(files) > 400
     found = {path.relative_to(ROOT).as_posix(): findings(path) for path in files}
-    assert {file: names for file, names in found.items() if names} == {}
+    assert {file: names for file, names in found.items() if names} == {}, (
+        f"write the term of the field instead of {', '.join(sorted(WORDS))}; "
+        "a docstring begins with a noun phrase or an imperative"
+    )
 
 
 def test_a_docstring_whose_opening_hides_its_subject_is_found() -> None:

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 
 from drivebus import i18n, profiles
 from drivebus.cli.click_ext import CliCommand, LazyGroup, Option
-from drivebus.cli.main import cli
+from drivebus.cli.main import SECTIONS, cli
 from drivebus.cli.output import width
 from drivebus.ports import parse_port_url
 from drivebus.profiles import DriveProfile
@@ -144,19 +144,36 @@ def test_a_usage_error_with_json_is_one_document() -> None:
     assert json.loads(result.stdout)["exit"] == 2
 
 
+SLOW_PACKAGES = tuple(f"drivebus.{name}" for name in ("drives", "bus", "ports", "simulator", "profiles"))
+
+
+def modules_loaded_by(code: str) -> list[str]:
+    code += "\nimport sys\nprint()\nprint(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.splitlines()[-1].split()
+
+
 def test_help_imports_no_slow_module() -> None:
     """The start-up time is measured by ``benchmarks/startup.py``."""
-    code = (
+    loaded = modules_loaded_by(
         "import sys\n"
         "sys.argv = ['drivebus', '--help']\n"
         "from drivebus.cli.main import main\n"
-        "try:\n    main()\nexcept SystemExit:\n    pass\n"
-        "print('LOADED', [m for m in sys.modules if m.partition('.')[0] in "
-        "('asyncio','rich','textual','pydantic','serialx','tomllib') or m.startswith(('drivebus.drives',"
-        "'drivebus.bus','drivebus.ports','drivebus.simulator','drivebus.profiles','drivebus.cli.commands.'))])"
+        "try:\n    main()\nexcept SystemExit:\n    pass"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.rstrip().endswith("LOADED []")
+    assert "drivebus.cli.main" in loaded
+    slow = {"asyncio", "rich", "textual", "pydantic", "serialx", "tomllib"}
+    assert [name for name in loaded if name.partition(".")[0] in slow] == []
+    assert [name for name in loaded if name.startswith((*SLOW_PACKAGES, "drivebus.cli.commands."))] == []
+
+
+def test_a_command_imports_the_bus_and_the_profiles_only_when_it_runs() -> None:
+    """The completion of the shell imports the module of a command; ``acceptance`` extends a class of the bench."""
+    modules = [place.partition(":")[0] for section in SECTIONS.values() for place in section.values()]
+    loaded = modules_loaded_by("\n".join(f"import {name}" for name in modules if not name.endswith(".acceptance")))
+    assert "drivebus.cli.commands.status" in loaded
+    slow = [name for name in loaded if name.startswith(SLOW_PACKAGES)]
+    assert slow == [], "import them in the function that needs them, or under TYPE_CHECKING"
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

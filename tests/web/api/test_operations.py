@@ -148,7 +148,9 @@ def test_a_second_handler_of_an_operation_is_rejected(monkeypatch: pytest.Monkey
 async def test_every_operation_has_a_handler(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(OPERATIONS, POLISH.name)
     async with running_service() as kit:
-        assert kit.service.dispatcher._handlers.keys() == OPERATIONS.keys()
+        assert kit.service.dispatcher._handlers.keys() == OPERATIONS.keys(), (
+            "bind a handler with @handles, and list a new class of handlers in service/app.py"
+        )
     assert HANDLERS.keys() == WEB_OPERATIONS.keys()
     assert handlers.HANDLERS.keys() == OPERATIONS.keys() | WEB_OPERATIONS.keys()
 

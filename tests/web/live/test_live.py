@@ -1,4 +1,4 @@
-"""The live gateway in virtual time: messages of a client, their times, and the end of a connection."""
+"""Live values in virtual time: messages of a client, their times, and the end of a connection."""
 
 from __future__ import annotations
 

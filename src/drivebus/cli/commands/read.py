@@ -14,7 +14,6 @@ from drivebus.cli.connect import Target
 from drivebus.cli.drive_command import drive_command
 from drivebus.cli.errors import ExitCode, error_json, print_error
 from drivebus.cli.formatting import format_value, reading_json
-from drivebus.profiles.model import Parameter, Signal
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from drivebus.cli.dry_run import DryRun
     from drivebus.drives import Drive
     from drivebus.errors import DrivebusError, ProfileError
+    from drivebus.profiles.model import Parameter, Signal
     from drivebus.values import Reading
 
 
@@ -130,6 +130,7 @@ def _reject_joined_names(ctx: click.Context, param: click.Parameter, names: tupl
 
 
 def _plan(dry: DryRun, names: tuple[str, ...]) -> ExitCode:
+    from drivebus.profiles.model import Parameter
     from drivebus.profiles.notation import find_entries
 
     entries, unknown = find_entries(dry.dialect.profile, names)

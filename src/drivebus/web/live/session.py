@@ -1,4 +1,4 @@
-"""WebSocket of the live gateway: its subscription, the messages of its client, and its end."""
+"""WebSocket of live values: its subscription, the messages of its client, and its end."""
 
 from __future__ import annotations
 
