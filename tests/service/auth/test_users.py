@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from drivebus import i18n
 from drivebus.errors import ConfigurationError
 from drivebus.service.auth import users as users_module
 from drivebus.service.auth.errors import (
@@ -71,7 +72,7 @@ RIGHTS_BY_ROLE = {
 
 
 @pytest.mark.parametrize("role", list(Role))
-def test_a_role_has_the_rights_on_the_security_page(role: Role) -> None:
+def test_each_role_has_exactly_its_rights(role: Role) -> None:
     """Tokens and files contain these identifiers, so they must not change."""
     user = User("ann", role, "$", 1)
     assert {str(right) for right in user.rights} == RIGHTS_BY_ROLE[role]
@@ -82,6 +83,7 @@ def test_a_role_has_the_rights_on_the_security_page(role: Role) -> None:
 
 def test_a_right_is_shown_by_its_name_and_its_identifier() -> None:
     assert (Right.STOP.in_language("en"), Right.STOP.in_language("zh")) == ("stop", "停机（stop）")
+    assert [key for right in Right if not i18n.known(key := f"page.right_{right}")] == []
 
 
 def test_names_that_look_alike_belong_to_one_user() -> None:
