@@ -781,6 +781,20 @@ def test_a_monitor_shows_the_reads_of_a_command(model: str) -> None:
     run_virtual(scenario())
 
 
+def test_a_monitor_calls_its_listener_after_a_poll_without_a_reply() -> None:
+    """Its description named replies only."""
+
+    async def scenario() -> None:
+        async with SimulatedDrives("c320") as bench:
+            bench.station().faults.silent = True
+            drive, statuses = bench.drive(), list[DriveStatus]()
+            with drive.monitor(on_change=statuses.append):
+                await asyncio.sleep(5)
+            assert statuses and statuses[-1].at is None and statuses[-1].state is DriveState.UNKNOWN
+
+    run_virtual(scenario())
+
+
 def test_a_command_does_not_end_with_a_monitor_whose_watcher_fails() -> None:
     async def scenario() -> None:
         async with SimulatedDrives("c320") as bench:

@@ -168,10 +168,11 @@ class Drive:
         on_change: Callable[[DriveStatus], None] | None = None,
         period_s: float = 0.0,
     ) -> Monitor:
-        """Poll these signals (None: all of the profile) until closed; ``on_change`` gets a status for every reply.
+        """Poll these signals (None: all of the profile) until closed; ``on_change`` gets the status after each poll.
 
-        ``period_s`` is the shortest period of any poll, for a bus with more drives than the profile's periods allow;
-        readings are then valid for three of these periods.
+        It is also called after a poll without a reply, and after a read by a command. ``period_s`` is the shortest
+        period of any poll, for a bus with more drives than the profile's periods allow; readings are then valid for
+        three of these periods.
         """
         self._load_stored()
         return Monitor(
