@@ -136,7 +136,7 @@ def test_everything_that_was_received_but_our_own_frame_shows_a_reply(error: Any
 
 
 def test_a_drive_that_answers_every_stop_with_a_wrong_value_has_not_answered_twice() -> None:
-    """The first such reply looks like the write of another master, and the next one was called its second reply."""
+    """The first such reply looks like a write of another master; the next ones were called late or second replies."""
     answers = wire_to(FakeStation())
 
     def with_wrong_value(frame: bytes, ended_at: float) -> Iterable[tuple[float, bytes]]:

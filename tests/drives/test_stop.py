@@ -606,7 +606,7 @@ def test_a_lower_reading_is_progress_once() -> None:
 def test_a_reading_of_0_hz_shows_deceleration_up_to_the_reading_before_it(
     readings: tuple[int, ...], decelerated_until: float
 ) -> None:
-    """It began the 2 s until the report again, however long the motor had been standing."""
+    """It restarted the 2 s until the report, however long the motor had been standing."""
     fake = FakeC320()
     bus = c320(fake)
     op = operation_for(bus.dialect)

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 class UserQuota:
     """Limited number of places; a user gets a further one while it holds fewer than are free.
 
-    One user alone gets half of them, a second one then half of the rest, so that several together leave some, too.
+    One user alone gets half of them, a second one then half of the rest, so that two together leave some, too.
     """
 
     def __init__(self, places: int) -> None:

@@ -80,6 +80,20 @@ def test_a_damaged_list_of_files_is_named_itself(installation: Path, damage: byt
         record.write_bytes(content)
 
 
+def test_packages_of_another_installer_and_what_an_update_left_over_are_not_compared(installation: Path) -> None:
+    """Debian lists the files of a package and changes some of them afterwards; pip renames a folder that it removes."""
+    (record,) = (installation / "site").glob("*.dist-info/RECORD")
+    for folder, installer in (("blinker-1.4.dist-info", "debian\n"), ("~rivebus-0.9.dist-info", "pip\n")):
+        other = installation / "site" / folder
+        other.mkdir()
+        (other / "INSTALLER").write_text(installer)
+        (other / "RECORD").write_text("absent.py,sha256=0,1\n")
+    content = record.read_text(encoding="utf-8")
+    record.write_text(content + "\n", encoding="utf-8")  # an empty line is no damage
+    assert changed_files(installation) == []
+    record.write_text(content, encoding="utf-8")
+
+
 def test_an_editable_installation_has_no_changed_files() -> None:
     """Its files are meant to be changed."""
     assert list(changed_packages()) == []

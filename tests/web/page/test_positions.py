@@ -88,17 +88,17 @@ def test_a_long_fault_text_is_whole_on_a_desktop_and_with_its_failed_reset_on_a_
 
 STATE_NOTES = """async () => {
   const store = await import('/static/js/store.js');
-  const top = () => document.querySelector('.control').getBoundingClientRect().top;
+  const height = () => document.querySelector('.drivehead').getBoundingClientRect().height;
   const usual = { state: 'stopped', state_reason: null, stop_pending: false, start_inhibited: false };
   const unknown = { state: 'unknown', state_reason: 'drives.no_answer' };
   const stopped = { stop_pending: true, start_inhibited: true };
-  const tops = [];
+  const heights = [];
   for (const turn of [usual, unknown, stopped, { ...unknown, ...stopped }, { state: 'emergency_stopped' }]) {
     store.applyDelta({ topics: { 'drives/fan-1': { ...usual, ...turn } } });
     await DRAWN;
-    tops.push(top());
+    heights.push(height());
   }
-  return tops;
+  return heights;
 }""".replace("DRAWN", DRAWN)
 
 
@@ -108,8 +108,27 @@ def test_no_note_on_the_state_of_a_drive_moves_its_control_panel(visit: Any, wid
     """Regression: on a phone the reason of an unknown state pushed the buttons down by a line."""
     page = visit("#/drive/fan-1", language=language, size=(width, 740))
     page.locator(".control [data-do=stop]").wait_for()
-    tops = page.evaluate(STATE_NOTES)
-    assert len(tops) == 5 and set(tops) == {tops[0]}
+    heights = page.evaluate(STATE_NOTES)
+    assert len(heights) == 5 and set(heights) == {heights[0]}
+
+
+NOTES_CUT_OFF = """async () => {
+  const { applyDelta } = await import('/static/js/store.js');
+  const notes = { state: 'unknown', state_reason: 'drives.no_answer', stop_pending: true, start_inhibited: true };
+  applyDelta({ topics: { 'drives/fan-1': notes } });
+  await DRAWN;
+  document.querySelector('.state-notes').focus();
+  const span = document.querySelector('.state-notes span');
+  return span.scrollHeight - span.clientHeight;
+}""".replace("DRAWN", DRAWN)
+
+
+@pytest.mark.parametrize("width", [320, 1440])
+def test_a_tap_on_the_notes_on_the_state_of_a_drive_shows_all_of_them(visit: Any, width: int) -> None:
+    """Regression: a touch screen had no way to the third line."""
+    page = visit("#/drive/fan-1", language="en", size=(width, 740))
+    page.locator(".control [data-do=stop]").wait_for()
+    assert page.evaluate(NOTES_CUT_OFF) <= 4
 
 
 # A line has 15 pixels and more; the tall glyphs of a Chinese font overlap its edge by up to 3.

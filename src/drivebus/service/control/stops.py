@@ -102,8 +102,9 @@ class StopCommands(PlantListener):
         """Stop drives at once; return the outcome or error of each."""
         stopped = list(runtimes)
         self.plant.record_stop_request(*stopped, by=actor.name, kind="group")
-        answers = await asyncio.gather(*self._stops_of(stopped, actor).values())
-        return {runtime.id: answer for runtime, answer in zip(stopped, answers, strict=True)}
+        stops = self._stops_of(stopped, actor)
+        answers = await asyncio.gather(*stops.values())
+        return {runtime.id: answer for runtime, answer in zip(stops, answers, strict=True)}
 
     def _stops_of(
         self, runtimes: Sequence[DriveRuntime], actor: Actor

@@ -15,6 +15,7 @@ from pathlib import Path
 from drivebus.types import Json
 
 HASH = "sha256="  # written by pip and uv; a file with another hash is not compared
+INSTALLERS = ("pip", "uv")
 READ_BLOCK_BYTES = 1 << 20
 
 
@@ -34,31 +35,37 @@ class ChangedPackage:
 def changed_packages() -> Iterator[ChangedPackage]:
     """Yield each changed package of the folder in which drivebus is installed; none for an editable installation.
 
-    A damaged disk and a change by hand are found; a person who changes a file can change its hash as well.
+    A damaged disk and a change by hand are found; a person who changes a file can change its hash as well. Packages of
+    another installer than pip and uv are left out: that of a Linux distribution changes files after it has listed them.
     """
     own = distribution("drivebus")
     if _is_editable(own):
         return
-    for folder in sorted(Path(str(own.locate_file(""))).glob("*.dist-info")):
-        if files := tuple(_changed_files(folder / "RECORD")):
+    for folder in sorted(Path(str(own.locate_file(""))).glob("[!~]*.dist-info")):  # ~: left over by an update of pip
+        files = tuple(_changed_files(folder / "RECORD")) if _installer(folder) in INSTALLERS else ()
+        if files:
             yield ChangedPackage(folder.name.removesuffix(".dist-info"), files)
 
 
 def _is_editable(package: Distribution) -> bool:
-    with suppress(ValueError, AttributeError):  # a damaged file
+    with suppress(OSError, ValueError, AttributeError):  # a damaged file or disk
         return bool(json.loads(package.read_text("direct_url.json") or "{}").get("dir_info", {}).get("editable"))
     return False
 
 
+def _installer(folder: Path) -> str:
+    with suppress(OSError, ValueError):
+        return (folder / "INSTALLER").read_text(encoding="utf-8").strip()
+    return ""
+
+
 def _changed_files(record: Path) -> Iterator[Path]:
     try:
-        for name, recorded, _ in csv.reader(record.read_text(encoding="utf-8").splitlines()):
+        for name, recorded, _ in filter(None, csv.reader(record.read_text(encoding="utf-8").splitlines())):
             path = record.parent.parent / name
             is_outside = name.startswith("..")  # a command in bin, which `pip install --target` puts elsewhere
             if recorded.startswith(HASH) and not is_outside and _recorded_form(path) != recorded:
                 yield path
-    except FileNotFoundError:
-        return  # a package of the distribution has none
     except (OSError, ValueError, csv.Error):
         yield record  # it is damaged itself
 

@@ -31,14 +31,15 @@ function BusLocation({ view }) {
     ${groups}</p>`;
 }
 
-/** Notes on the state, most urgent first. Their place is reserved: one that comes or goes moves no button. */
+/** Notes on the state, most urgent first. Their place is reserved: one that comes or goes moves no button; a tap shows what is
+ * cut off. */
 function StateNotes({ view }) {
   const reason = view.state === "unknown" && view.state_reason && (localized(view.unusable_reply?.text) || t(view.state_reason));
   const pending = view.stop_pending && t("page.stop_pending");
   const inhibited = view.start_inhibited && t("page.start_inhibited");
   const notes = [pending && html`<b class="alarmtext" role="alert">${pending}</b>`,
     inhibited && html`<b class="alarmtext">${inhibited}</b>`, reason].filter(Boolean);
-  return html`<p class="state-notes soft" title=${[pending, inhibited, reason].filter(Boolean).join(" · ")}><span>${
+  return html`<p class="state-notes soft" tabindex=${notes.length > 0 ? 0 : null} title=${[pending, inhibited, reason].filter(Boolean).join(" · ")}><span>${
     notes.map((note, n) => html`${n > 0 && " · "}${note}`)}</span></p>`;
 }
 
