@@ -1,13 +1,12 @@
 // A trend: signals over time, with zoom, pan, cursors and markers, from a minute to a year.
 //
 // html`<${Trend} lines=${[{ tag: "fan-1.output_frequency", drive: "fan-1", label: "…", unit: "Hz", hue: 0 }]} />`
-import { batch, html, useComputed, useEffect, useMemo, useRef, useSignalEffect } from "../lib.js";
+import { batch, html, useEffect, useMemo, useRef, useSignalEffect } from "../lib.js";
 import { locale, language, t } from "../i18n.js";
 import { isLive } from "../live.js";
 import { theme } from "../theme.js";
 import { drive, serviceNow } from "../store.js";
 import { Chart } from "./chart.js";
-import { GOOD } from "../quality.js";
 import { stretches, table } from "./columns.js";
 import { Events } from "./events.js";
 import { attachGestures } from "./gestures.js";
@@ -40,7 +39,6 @@ export function Trend({ lines, span_s = 600, window = null, hidden = [], source:
   const source = useMemo(() => given ?? new TrendSource(), []);
   const host = useRef(null);
   const controller = useMemo(() => new ChartController(trend, source), []);
-  const doubtful = useComputed(() => Object.values(source.series.value).some(({ q }) => q.some((quality) => quality !== GOOD)));
   const tags = lines.map((line) => line.tag).join(" ");
 
   useEffect(() => {
@@ -65,7 +63,7 @@ export function Trend({ lines, span_s = 600, window = null, hidden = [], source:
     <${Toolbar} trend=${trend} source=${source} />
     <div class="trend-chart"><div class="trend-plot" ref=${host} tabindex="0" role="group"
       aria-label=${t("page.trend_keys")}></div><${Tooltip} trend=${trend} source=${source} lines=${lines} /></div>
-    ${doubtful.value && html`<p class="help">${t("page.legend")}</p>`}
+    <p class="help">${t("page.legend")}</p>
     <${WithoutAxis} trend=${trend} lines=${lines} /><${GestureHelp} />
     <${CursorTable} trend=${trend} source=${source} lines=${lines} onRemove=${onRemove} />
     <${Events} trend=${trend} source=${source} /></section>`;
