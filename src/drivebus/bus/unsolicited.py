@@ -224,8 +224,10 @@ class UnsolicitedBytes:
             )
             if kind is TraceKind.DUPLICATE or late_duplicate:
                 station.record_duplicate_reply(now)
-            reason = late_reply(station, data, received_at) or late_reply_to_last_request(station, data, received_at)
-            if kind is TraceKind.LATE and reason is not None:  # else it is a wrong value, which may answer each request
+            if kind is TraceKind.LATE and (
+                reason := late_reply(station, data, received_at)
+                or late_reply_to_last_request(station, data, received_at)
+            ):  # else it is a wrong value, which may answer each request
                 station.last_frame, station.failure_reason = data, reason
             if kind is TraceKind.DUPLICATE or (kind is TraceKind.FOREIGN and frame.message is None):
                 self._scheduler.mark_suspect(station, now)

@@ -37,10 +37,11 @@ function StateNotes({ view }) {
   const reason = view.state === "unknown" && view.state_reason && (localized(view.unusable_reply?.text) || t(view.state_reason));
   const pending = view.stop_pending && t("page.stop_pending");
   const inhibited = view.start_inhibited && t("page.start_inhibited");
-  const notes = [pending && html`<b class="alarmtext" role="alert">${pending}</b>`,
-    inhibited && html`<b class="alarmtext">${inhibited}</b>`, reason].filter(Boolean);
-  return html`<p class="state-notes soft" tabindex=${notes.length > 0 ? 0 : null} title=${[pending, inhibited, reason].filter(Boolean).join(" · ")}><span>${
-    notes.map((note, n) => html`${n > 0 && " · "}${note}`)}</span></p>`;
+  const notes = [pending, inhibited, reason].filter(Boolean);
+  const shown = (note) => note === reason ? note
+    : html`<b class="alarmtext" role=${note === pending ? "alert" : null}>${note}</b>`;
+  return html`<p class="state-notes soft" tabindex=${notes.length > 0 ? 0 : null} title=${notes.join(" · ")}><span>${
+    notes.map((note, n) => html`${n > 0 && " · "}${shown(note)}`)}</span></p>`;
 }
 
 function Head({ view }) {
