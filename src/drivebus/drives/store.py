@@ -12,6 +12,7 @@ from typing import Any, Protocol, TextIO
 
 from drivebus import atomic_write
 from drivebus.errors import ConfigurationError, SystemReason
+from drivebus.regular_file import open_regular_file, read_regular_file
 from drivebus.user_directories import user_state_directory
 
 STORE_FORMAT = 1
@@ -93,7 +94,7 @@ class FileStore:
 
     def _read(self) -> dict[str, str]:
         try:
-            document: Any = json.loads(self.path.read_text(encoding="utf-8"))
+            document: Any = json.loads(read_regular_file(self.path).decode())
         except FileNotFoundError:
             return {}
         except (OSError, ValueError, RecursionError) as error:  # not UTF-8 is a ValueError too
@@ -150,7 +151,7 @@ def _locked(path: Path) -> Iterator[None]:
 
 
 def _open_lock_file(path: Path) -> TextIO:
-    return os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT, atomic_write.PRIVATE_FILE_MODE), "w")
+    return os.fdopen(open_regular_file(path, os.O_WRONLY | os.O_CREAT), "w")
 
 
 @contextlib.contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 
@@ -47,6 +48,12 @@ def test_a_cookie_of_another_user_or_with_one_other_character_is_no_device(tmp_p
     ]
     assert [devices.device("operator", value) for value in (*forged, device, "", ".", cookie + "\n")] == [""] * 14
     assert devices.device("engineer", cookie) == ""
+
+
+def test_a_fifo_in_the_place_of_the_key_delays_no_login(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "device.key")
+    devices = DeviceCookies(tmp_path)
+    assert devices.device("operator", devices.issue("operator"))
 
 
 @pytest.mark.parametrize("content", [b"", b"short", bytes(33)])

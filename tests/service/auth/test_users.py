@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import stat
 import threading
 import unicodedata
@@ -441,6 +442,17 @@ def test_a_user_file_that_is_damaged_while_the_service_runs_is_logged_once_for_e
     assert len(found) == 2 and "users.json" in found[0]
 
 
+def test_a_fifo_in_the_place_of_the_user_file_never_blocks_its_reader(tmp_path: Path) -> None:
+    """Its reader waited for good, and with it the page and `drivebus user`."""
+    for name in ("users.json", "users.lock"):
+        os.mkfifo(tmp_path / name)
+    with pytest.raises(ConfigurationError, match="Invalid argument"):
+        UserFile(tmp_path / "users.json").read()
+    (tmp_path / "users.json").unlink()
+    with pytest.raises(ConfigurationError, match="No such device"):
+        UserFile(tmp_path / "users.json").change(lambda database: database.with_user(ADMIN))
+
+
 def test_a_damaged_user_file_is_parsed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each request parsed it again: with a large file each stop over the page waited for that."""
     file = UserFile(tmp_path / "users.json")
@@ -448,8 +460,8 @@ def test_a_damaged_user_file_is_parsed_once(tmp_path: Path, monkeypatch: pytest.
     file.read()
     whole = file.path.read_text()
     parsed: list[Path] = []
-    read_bytes = Path.read_bytes
-    monkeypatch.setattr(Path, "read_bytes", lambda path: parsed.append(path) or read_bytes(path))
+    read = users_module.read_regular_file
+    monkeypatch.setattr(users_module, "read_regular_file", lambda path: parsed.append(path) or read(path))
     for number, text in enumerate(("{ oops", "{ oops again", whole), start=1):
         file.path.write_text(text)
         for _ in range(5):

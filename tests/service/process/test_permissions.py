@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -193,6 +194,51 @@ def test_no_path_of_the_plant_file_leads_over_a_link_of_another_user(
     monkeypatch.setattr(Path, "lstat", lambda path: foreign if path == link else lstat(path))
     with pytest.raises(ConfigurationError) as refused:
         check_plant_files(config)
+    assert (refused.value.key, refused.value.params["path"]) == ("plant.foreign_owner", str(link))
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, Path.mkdir, Path.touch], ids=["a FIFO", "a folder", "a file"])
+@pytest.mark.parametrize("setting", ["users", "key"])
+def test_what_another_user_put_in_the_place_of_users_or_key_is_refused(
+    setting: str, make: Callable[[Path], object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A FIFO in a folder that all can write was not looked at, and kept the service waiting for good."""
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    shared.chmod(0o1777)
+    path = shared / "planted"
+    make(path)
+    path.chmod(0o700)
+    config = plant_config(directory=tmp_path / "state")
+    if setting == "users":
+        config = replace(config, users=path)
+    else:
+        config = replace(config, audit=replace(config.audit, key=path))
+    check_plant_files(config)
+    found, stat = path.stat(), Path.stat
+    foreign = SimpleNamespace(st_uid=65_534, st_gid=found.st_gid, st_mode=found.st_mode)
+    monkeypatch.setattr(Path, "stat", lambda asked, **kw: foreign if asked == path else stat(asked, **kw))
+    with pytest.raises(ConfigurationError) as refused:
+        check_plant_files(config)
+    assert (refused.value.key, refused.value.params["path"]) == ("plant.foreign_owner", str(path))
+
+
+def test_a_foreign_link_to_a_readable_file_in_the_place_of_the_key_is_no_reason_to_change_the_mode_of_that_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The command that was named, `chmod go-rwx`, would have followed the link, as to /etc/passwd."""
+    shared, target = tmp_path / "shared", tmp_path / "passwd"
+    shared.mkdir()
+    shared.chmod(0o1777)
+    target.touch(0o644)
+    link = shared / "hall.key"
+    link.symlink_to(target)
+    owner, lstat = link.lstat(), Path.lstat
+    foreign = SimpleNamespace(st_uid=65_534, st_mode=owner.st_mode)
+    monkeypatch.setattr(Path, "lstat", lambda path: foreign if path == link else lstat(path))
+    config = plant_config(directory=tmp_path / "state")
+    with pytest.raises(ConfigurationError) as refused:
+        check_plant_files(replace(config, audit=replace(config.audit, key=link)))
     assert (refused.value.key, refused.value.params["path"]) == ("plant.foreign_owner", str(link))
 
 

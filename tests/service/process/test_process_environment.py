@@ -108,6 +108,20 @@ def test_a_log_without_a_reader_blocks_nothing(monkeypatch: pytest.MonkeyPatch) 
             logger.setLevel(level)
 
 
+def test_a_process_without_a_free_file_descriptor_logs_sentences_and_not_their_keys() -> None:
+    """The texts were read at the first line of the log, which a flood of connections made impossible."""
+    script = """if True:
+        import resource
+        from drivebus import i18n
+        from drivebus.service.process.logging_setup import configure_logging
+        configure_logging("json")
+        resource.setrlimit(resource.RLIMIT_NOFILE, (3, 3))
+        print([i18n.text("log.connections_closed", language, count=7) for language in i18n.LANGUAGES])
+    """
+    printed = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    assert "connections closed at once: 7" in printed and "log.connections_closed" not in printed
+
+
 def test_messages_of_a_library_that_are_alike_do_not_fill_the_log() -> None:
     now = [0.0]
     repetition = logging_setup.RepetitionFilter(lambda: now[0])

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import errno
 import json
-from collections.abc import AsyncIterator
+import os
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -264,17 +266,22 @@ async def test_a_damaged_log_of_alarms_is_an_alarm_until_the_next_start(tmp_path
 FILES = ("audit.jsonl", "checkpoints.jsonl", "../state.audit.key", "../state.audit.head", "history.db", "incidents")
 
 
-@pytest.mark.parametrize("content", [*DAMAGED.values(), None], ids=[*DAMAGED, "a directory"])
+KINDS = {
+    **{name: partial(Path.write_bytes, data=content) for name, content in DAMAGED.items()},
+    "a directory": Path.mkdir,
+}
+
+
+@pytest.mark.parametrize("make", [*KINDS.values(), os.mkfifo], ids=[*KINDS, "a FIFO, which blocks its reader"])
 async def test_a_service_starts_and_stops_its_drives_whatever_its_files_contain(
-    tmp_path: Path, content: bytes | None
+    tmp_path: Path, make: Callable[[Path], object]
 ) -> None:
     state = tmp_path / "state"
     state.mkdir(mode=0o700)
     for name in (*FILES, "plant.json", "alarms.jsonl"):
-        path = state / name
-        path.mkdir() if content is None else path.write_bytes(content)
+        make(state / name)
     async with service_in(state) as service:
         assert (await service.call("plant.stop", {}, LOCAL))["outcomes"].keys() == service.plant.drives.keys()
         kinds = {alarm.kind for alarm in service.plant.alarms.active()}
         assert "settings_lost" in kinds
-        assert content == b"" or kinds & {"file_damaged", "storage_failure"}
+        assert make is KINDS["empty"] or kinds & {"file_damaged", "storage_failure"}

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from drivebus.atomic_write import atomic_write_private, link_or_copy
 from drivebus.clock import wall_ms
+from drivebus.regular_file import read_regular_file
 from drivebus.service.alarms.model import Alarm
 from drivebus.service.alarms.occurrences import AlarmOccurrences, alarm_number
 from drivebus.service.api.paging import page
@@ -58,7 +59,7 @@ class AlarmLog:
         An unreadable file counts as empty, because control of drives does not depend on it; it is put aside.
         """
         try:
-            data = self._journal.path.read_bytes()
+            data = read_regular_file(self._journal.path)
         except FileNotFoundError:
             data = b""
         except OSError:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Final
 
 from drivebus.atomic_write import atomic_write_private, fsync_directory
+from drivebus.regular_file import read_regular_file
 from drivebus.service.audit import records
 from drivebus.service.audit.records import AuditCheckpoint, AuditEntry
 from drivebus.service.storage import append_log
@@ -80,7 +81,7 @@ class AuditPaths:
 
     def read_key(self) -> bytes:
         """Return the key. Raises OSError, also for a key that is too short."""
-        key = self.key.read_bytes().strip()
+        key = read_regular_file(self.key).strip()
         if len(key) < MIN_KEY_BYTES:
             raise OSError(errno.EINVAL, os.strerror(errno.EINVAL), str(self.key))
         return key

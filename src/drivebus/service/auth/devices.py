@@ -14,6 +14,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from drivebus.atomic_write import atomic_write_private
+from drivebus.regular_file import read_regular_file
 from drivebus.service.auth.names import normalized_name
 
 DEVICE_KEY_FILE = "device.key"
@@ -49,7 +50,7 @@ class DeviceCookies:
         """Return the key; make a new one if there is none. One that cannot be saved lasts as long as this process."""
         if not self._key:
             with contextlib.suppress(OSError):
-                self._key = self.path.read_bytes()
+                self._key = read_regular_file(self.path)
         if len(self._key) != _KEY_BYTES:
             self._key = secrets.token_bytes(_KEY_BYTES)
             with contextlib.suppress(OSError):

@@ -22,6 +22,7 @@ from pydantic import FiniteFloat, TypeAdapter, ValidationError
 from drivebus import i18n
 from drivebus.atomic_write import atomic_write_private
 from drivebus.errors import SystemReason
+from drivebus.regular_file import read_regular_file
 from drivebus.service.auth.users import User, content_problem
 
 LOG = logging.getLogger("drivebus.service")
@@ -78,7 +79,7 @@ class SessionStore:
     def read(self) -> tuple[StoredSession, ...]:
         """Return the sessions saved since the machine started; none, and a log line, if the file cannot be read."""
         try:
-            content = self.path.read_bytes()
+            content = read_regular_file(self.path)
             if not content:  # emptied by ``write``
                 return ()
             stored = _SESSION_FILE_ADAPTER.validate_json(content)

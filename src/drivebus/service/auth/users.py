@@ -20,6 +20,7 @@ from drivebus import i18n
 from drivebus.atomic_write import PRIVATE_FILE_MODE, atomic_write_private
 from drivebus.control_characters import CONTROL_CHARACTERS, is_blank, without_control_characters
 from drivebus.errors import ConfigurationError, SystemReason
+from drivebus.regular_file import read_regular_file
 from drivebus.service.auth.errors import Conflict, InvalidInput, ResourceNotFound
 from drivebus.service.auth.names import appearance, check_user_name, normalized_name
 from drivebus.service.auth.rights import ROLE_RIGHTS, Right, Role
@@ -273,7 +274,7 @@ class UserFile:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             lock_path = self.path.with_suffix(".lock")
-            flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+            flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
             with os.fdopen(os.open(lock_path, flags, PRIVATE_FILE_MODE), "w") as lock:
                 flock(lock, LOCK_EX)
                 after = change(self._read_if_changed(always=True))
@@ -305,7 +306,7 @@ class UserFile:
         if self._damage is not None and self._damage[0] == fingerprint:
             raise self._unusable_error(self._damage[1])
         try:
-            database = _USER_DATABASE_ADAPTER.validate_json(self.path.read_bytes())
+            database = _USER_DATABASE_ADAPTER.validate_json(read_regular_file(self.path))
         except ValidationError as error:
             self._damage = fingerprint, content_problem(error)
             raise self._unusable_error(self._damage[1]) from None

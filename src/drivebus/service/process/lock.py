@@ -16,7 +16,7 @@ from drivebus.service.process.permissions import check_trusted
 
 LOG = logging.getLogger("drivebus.service")
 PRIVATE_DIRECTORY_MODE = 0o700
-_LOCK_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+_LOCK_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
 _UNWRITABLE = frozenset({errno.EROFS, errno.EACCES, errno.ENOSPC, errno.EDQUOT, errno.EIO})
 
 

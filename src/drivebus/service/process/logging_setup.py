@@ -43,8 +43,11 @@ def configure_logging(
 ) -> None:
     """Write the log to ``stream`` as ``text`` or ``json``: everything of drivebus, and the warnings of libraries.
 
-    ``without_events``: kinds of events that are left out.
+    ``without_events``: kinds of events that are left out. The texts are read now, because a process that has run out of
+    file descriptors later could not read them.
     """
+    for language in i18n.LANGUAGES:
+        i18n.catalogue(language)
     handler = logging.StreamHandler(stream or sys.stderr)
     handler.setFormatter(JsonFormatter() if log_format == "json" else PlainFormatter())
     lines: queue.Queue[logging.LogRecord] = queue.Queue(MAX_QUEUED_RECORDS)

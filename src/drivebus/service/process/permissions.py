@@ -29,10 +29,10 @@ def check_plant_files(config: PlantConfig) -> None:
     profiles = {path for model in {drive.model for drive in config.drives} for path in own_files(model)}
     source = [Path(config.source)] if config.source else []
     for path in (*source, config.user_file, audit.key, *sorted(profiles)):
-        if path.is_file():
-            check_trusted(path, secret=path == audit.key)
         if path.parent.is_dir():
             _check_folders(path)
+        if path.exists():
+            check_trusted(path, secret=path == audit.key)
     for path in config.named_paths:
         if any(_links(path)):
             _check_folders(path)

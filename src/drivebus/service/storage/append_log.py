@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import errno
 import os
-import stat
 from pathlib import Path
 from typing import BinaryIO
 
-from drivebus.atomic_write import PRIVATE_FILE_MODE, PRIVATE_FOLDER_MODE, fsync_directory, write_all
+from drivebus.atomic_write import PRIVATE_FOLDER_MODE, fsync_directory, write_all
+from drivebus.regular_file import open_regular_file
 
 TAIL_BYTES = 1 << 20
 """No line is longer, so that the last one can be found from the end."""
@@ -34,7 +33,7 @@ class AppendLog:
             return
         self.path.parent.mkdir(parents=True, exist_ok=True, mode=PRIVATE_FOLDER_MODE)
         new = not self.path.exists()
-        fd = _open_regular_file(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
+        fd = open_regular_file(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
         try:
             if new:
                 fsync_directory(self.path.parent)
@@ -98,29 +97,7 @@ class AppendLog:
 
 def open_to_read(path: Path) -> BinaryIO:
     """Open a file that others may have put there. Raises OSError as ``AppendLog.open``."""
-    return os.fdopen(_open_regular_file(path, os.O_RDONLY), "rb")
-
-
-def _open_regular_file(path: Path, flags: int) -> int:
-    """Open a regular file. Raises OSError for anything else, and for a symbolic link that belongs to another user.
-
-    In a folder that others can write, a FIFO would block for good, and a link lead to any file of this user.
-    """
-    flags |= os.O_CLOEXEC | os.O_NONBLOCK
-    try:
-        fd = os.open(path, flags | os.O_NOFOLLOW, PRIVATE_FILE_MODE)
-    except OSError as error:
-        if error.errno != errno.ELOOP:
-            raise
-        if path.lstat().st_uid not in (os.geteuid(), 0):
-            raise PermissionError(errno.EPERM, os.strerror(errno.EPERM), str(path)) from error
-        fd = os.open(path, flags, PRIVATE_FILE_MODE)
-    mode = os.fstat(fd).st_mode
-    if not stat.S_ISREG(mode):
-        os.close(fd)
-        number = errno.EISDIR if stat.S_ISDIR(mode) else errno.EINVAL
-        raise OSError(number, os.strerror(number), str(path))
-    return fd
+    return os.fdopen(open_regular_file(path, os.O_RDONLY), "rb")
 
 
 def read_tail(path: Path) -> bytes:
