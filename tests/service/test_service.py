@@ -39,14 +39,17 @@ def test_every_drive_is_online_within_seconds() -> None:
     run(scenario())
 
 
-def test_a_trail_that_was_cut_and_a_replaced_key_are_alarms_at_the_start() -> None:
+def test_a_trail_that_was_cut_a_replaced_key_and_a_missing_head_are_alarms_at_the_start() -> None:
     async def scenario() -> None:
-        async with running_service(trail=FakeAuditTrail(records_missing=True, key_replaced=True)) as kit:
+        async with running_service(
+            trail=FakeAuditTrail(records_missing=True, key_replaced=True, head_missing=True)
+        ) as kit:
             found = {alarm.kind: alarm.text.en for alarm in kit.service.plant.alarms.active()}
             assert "records or checkpoints were missing" in found["audit_incomplete"]
             assert "another key" in found["audit_key_replaced"]
+            assert "nonexistent.audit.head was missing" in found["audit_head_missing"]
         async with running_service() as kit:
-            assert not {"audit_incomplete", "audit_key_replaced"} & {
+            assert not {"audit_incomplete", "audit_key_replaced", "audit_head_missing"} & {
                 alarm.kind for alarm in kit.service.plant.alarms.active()
             }
 

@@ -150,6 +150,8 @@ class Service:
             plant.raise_alarm(SystemAlarm.AUDIT_INCOMPLETE, subject=AUDIT_FILE)
         if plant.audit.key_replaced:
             plant.raise_alarm(SystemAlarm.AUDIT_KEY_REPLACED, subject=plant.audit.paths.key.name)
+        if plant.audit.head_missing:
+            plant.raise_alarm(SystemAlarm.AUDIT_HEAD_MISSING, subject=plant.audit.paths.head.name)
         plant.report_damaged(ALARM_LOG_FILE, self._alarm_log.damaged_copy)
         for bus in plant.config.buses:
             plant.add_bus(bus, plant.config.drives)

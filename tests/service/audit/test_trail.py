@@ -548,6 +548,17 @@ def test_opening_a_trail_that_was_rolled_back_reports_it_and_never_hides_it(tmp_
     assert {"checkpoint_broken", "checkpoints_missing"} <= set(problem_kinds(again))
 
 
+def test_opening_a_trail_that_was_rolled_back_without_its_head_reports_the_missing_head(tmp_path: Path) -> None:
+    """The next start made a new head of the shorter trail, and the missing one was reported nowhere."""
+    trail = written_trail(tmp_path)
+    assert not reopened_trail(tmp_path).head_missing
+    roll_back(trail, 2)
+    trail.paths.head.unlink()
+    again = reopened_trail(tmp_path)
+    assert again.head_missing and "audit.head_missing" in [record["what"] for record in lines(again.paths.current)]
+    assert not reopened_trail(tmp_path).head_missing
+
+
 def test_opening_a_trail_reports_that_its_key_was_replaced(tmp_path: Path) -> None:
     trail = written_trail(tmp_path)
     trail.paths.key.unlink()

@@ -203,6 +203,7 @@ def test_a_name_in_any_script_is_accepted(name: str) -> None:
         ("王аnn", "auth.mixed_scripts"),
         ("हำ", "auth.mixed_scripts"),
         ("drivebus", "auth.reserved_name"),
+        ("stop-all", "auth.reserved_name"),
     ],
 )
 def test_a_name_that_passes_for_another_is_rejected(name: str, key: str) -> None:

@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 
 from drivebus.cli.main import cli
 from drivebus.clock import wall_clock
-from drivebus.service.config.certificates import EXPIRY_WARNING, valid_until
+from drivebus.service.config.certificates import EXPIRY_WARNING, validity
 from drivebus.service.config.load import load
 from drivebus.service.config.model import CertificateFiles, GatewayConfig
 from drivebus.service.process import permissions
@@ -36,10 +36,11 @@ key = "key.pem"
 """
 
 
-def certificate(folder: Path, until: datetime, mode: int = 0o640) -> CertificateFiles:
-    """Write a certificate that ends at a time, and its key."""
+def certificate(folder: Path, until: datetime, mode: int = 0o640, *, start: datetime | None = None) -> CertificateFiles:
+    """Write a certificate that ends at a time, and its key. It is valid now unless ``start`` says else."""
+    start = start or min(wall_clock(), until) - timedelta(days=90)
     files = CertificateFiles(folder / "cert.pem", folder / "key.pem")
-    made = trustme.CA().issue_cert("127.0.0.1", not_before=until - timedelta(days=90), not_after=until)
+    made = trustme.CA().issue_cert("127.0.0.1", not_before=start, not_after=until)
     made.cert_chain_pems[0].write_to_path(files.certificate)
     made.private_key_pem.write_to_path(files.key)
     files.key.chmod(mode)
@@ -56,7 +57,8 @@ def check(folder: Path, *options: str) -> Result:
 )
 def test_the_end_of_a_certificate_is_read_in_both_forms_of_a_date(tmp_path: Path, until: datetime) -> None:
     """Years from 2050 on have four digits."""
-    assert valid_until(certificate(tmp_path, until)) == until
+    start = until - timedelta(days=90)
+    assert validity(certificate(tmp_path, until, start=start)) == (start, until)
 
 
 def test_what_is_no_certificate_is_an_error_and_no_end(tmp_path: Path) -> None:
@@ -65,10 +67,10 @@ def test_what_is_no_certificate_is_an_error_and_no_end(tmp_path: Path) -> None:
     for content in (b"", b"\x30\x03\x02\x01\x01", b"\x30\x02\x30\x00", der[:60], der[:-1]):
         files.certificate.write_text(ssl.DER_cert_to_PEM_cert(content))
         with pytest.raises(ValueError):
-            valid_until(files)
+            validity(files)
     files.certificate.write_text("nothing")
     with pytest.raises(ValueError):
-        valid_until(files)
+        validity(files)
 
 
 @pytest.mark.parametrize(
@@ -179,6 +181,22 @@ async def test_check_and_service_name_a_folder_in_which_others_can_replace_the_k
         (text,) = await events()
         assert f"{folder} can be written by other users (mode 777)" in text and f"chmod go-w '{folder}'" in text
         assert len(await events()) == 1, "once, not at each check"
+
+
+async def test_check_and_service_name_a_certificate_that_is_not_valid_yet(tmp_path: Path) -> None:
+    """It was printed as valid until its end, and cleared the alarm of an ended one that it had replaced."""
+    start = wall_clock().replace(microsecond=0) + timedelta(days=10)
+    until = start + timedelta(days=90)
+    files = certificate(tmp_path, until, start=start)
+    found = check(tmp_path)
+    assert found.exit_code == 0 and f"is valid from {start:%Y-%m-%d %H:%M} UTC on" in found.output
+    assert json.loads(check(tmp_path, "--json").stdout)["certificates"][0]["valid_from"] == start.isoformat()
+    gateway = GatewayConfig(id="web", module="x", settings=None, certificates=(files,))
+    async with running_service(plant_config(gateways=(gateway,))) as kit:
+        await kit.service.supervision._check_disk()
+        assert any("is valid from" in text for text in kit.event_texts())
+    certificate(tmp_path, until)
+    assert "is valid from" not in check(tmp_path).output
 
 
 @pytest.mark.parametrize("left", [EXPIRY_WARNING - timedelta(hours=1), timedelta(days=-30)])

@@ -130,6 +130,8 @@ def _print_certificates(states: Sequence[CertificateState]) -> None:
             "gateway": state.gateway,
             "until": f"{state.valid_until:%Y-%m-%d %H:%M} UTC",
         }
+        if state.is_early(now):
+            output.print_note("plant.certificate_early", **state.begin_params)
         if state.is_expired(now):
             output.print_note("plant_check.certificate_ended", **params)
         elif state.ends_soon(now):
@@ -143,6 +145,7 @@ def _certificate_documents(states: Sequence[CertificateState]) -> list[dict[str,
         {
             "gateway": state.gateway,
             "certificate": str(state.certificate),
+            "valid_from": state.valid_from.isoformat(),
             "valid_until": state.valid_until.isoformat(),
             "key": str(state.key),
             "key_mode": f"{state.key_mode:o}",

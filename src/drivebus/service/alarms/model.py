@@ -34,6 +34,8 @@ class SystemAlarm(StrEnum):
     """Records or checkpoints of the audit trail were missing when the service started."""
     AUDIT_KEY_REPLACED = "audit_key_replaced"
     """The checkpoints of the audit trail were not made with its key when the service started."""
+    AUDIT_HEAD_MISSING = "audit_head_missing"
+    """The audit trail had checkpoints and no head when the service started."""
     SETTINGS_LOST = "settings_lost"
     """Waivers and limits of drives can't be read."""
     FILE_DAMAGED = "file_damaged"
@@ -56,6 +58,7 @@ SYSTEM_ALARM_PRIORITIES: Mapping[SystemAlarm, AlarmPriority] = {
     SystemAlarm.STORAGE_FAILURE: AlarmPriority.HIGH,
     SystemAlarm.AUDIT_INCOMPLETE: AlarmPriority.HIGH,
     SystemAlarm.AUDIT_KEY_REPLACED: AlarmPriority.HIGH,
+    SystemAlarm.AUDIT_HEAD_MISSING: AlarmPriority.HIGH,
     SystemAlarm.SETTINGS_LOST: AlarmPriority.HIGH,
     SystemAlarm.FILE_DAMAGED: AlarmPriority.MEDIUM,
     SystemAlarm.CERTIFICATE_EXPIRY: AlarmPriority.MEDIUM,

@@ -33,6 +33,8 @@ RECORDS_MISSING: Final = "audit.cut"
 """``what`` of the entry that reports records or checkpoints missing at the start."""
 KEY_REPLACED: Final = "audit.key_replaced"
 """``what`` of the entry that reports checkpoints that were not made with the key of the start."""
+HEAD_MISSING: Final = "audit.head_missing"
+"""``what`` of the entry that reports checkpoints without a head at the start."""
 MAX_AUDIT_FILE_BYTES: Final = 16 * 1024 * 1024
 """A larger file is renamed after its first record, and the chain continues in a new one."""
 
@@ -204,6 +206,8 @@ class AuditChain:
         head = records.decode_checkpoint(head_line, self._key)
         if (last and not records.decode_checkpoint(line, self._key)) or (head_line and not head):
             self._recovery_entries.append(AuditEntry(what=KEY_REPLACED))
+        if last and not head_line:
+            self._recovery_entries.append(AuditEntry(what=HEAD_MISSING))
         newest = max((record for record in (last, head) if record), key=lambda record: record.number, default=None)
         if newest is not None:
             self._checkpoint_number, self._checkpoint_mac = newest.number, newest.mac

@@ -17,7 +17,14 @@ from pathlib import Path
 
 from drivebus import clock, i18n
 from drivebus.errors import AuditUnavailable, SystemReason
-from drivebus.service.audit.chain import KEY_REPLACED, MAX_AUDIT_FILE_BYTES, RECORDS_MISSING, AuditChain, AuditPaths
+from drivebus.service.audit.chain import (
+    HEAD_MISSING,
+    KEY_REPLACED,
+    MAX_AUDIT_FILE_BYTES,
+    RECORDS_MISSING,
+    AuditChain,
+    AuditPaths,
+)
 from drivebus.service.audit.query import query_records
 from drivebus.service.audit.records import AuditCheckpoint, AuditEntry, entry_json
 from drivebus.service.config.model import PlantConfig
@@ -57,6 +64,8 @@ class AuditTrail:
         """Whether records or checkpoints were missing when the trail was opened: its end was cut off."""
         self.key_replaced = False
         """Whether the last checkpoint or the head was not made with the key when the trail was opened."""
+        self.head_missing = False
+        """Whether there were checkpoints and no head when the trail was opened."""
         self.checkpoint_error: OSError | None = None
         """Error of the last checkpoint; it does not prevent starts."""
         self.head_error: OSError | None = None
@@ -200,6 +209,7 @@ class AuditTrail:
         try:
             entries = self._chain.open()
             self.records_missing = self.records_missing or any(entry.what == RECORDS_MISSING for entry in entries)
+            self.head_missing = self.head_missing or any(entry.what == HEAD_MISSING for entry in entries)
             self.key_replaced = self.key_replaced or any(entry.what == KEY_REPLACED for entry in entries)
             records = [entry_json(entry, self._now_ms()) for entry in entries]
             return self._chain.append([*records, *bodies])[len(records) :]

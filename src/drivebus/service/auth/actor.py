@@ -11,6 +11,8 @@ from drivebus.service.auth.rights import ROLE_RIGHTS, RequiredAccess, Right, Rol
 
 SERVICE_NAME = "drivebus"
 """Name of the service in the audit trail and the log, for what it does by itself; no user may have it."""
+STOP_ALL_NAME = "stop-all"
+"""Name of ``drivebus stop --all`` in the audit trail, whose socket takes no name; no user may have it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from functools import cache
 from importlib.resources import files
 
 from drivebus.control_characters import INVISIBLE_RANGES
-from drivebus.service.auth.actor import SERVICE_NAME
+from drivebus.service.auth.actor import SERVICE_NAME, STOP_ALL_NAME
 from drivebus.service.auth.errors import InvalidInput
 
 _USER_NAME = re.compile(r"[^\W_][\w.@-]{0,63}")
@@ -97,7 +97,7 @@ def check_user_name(name: str) -> None:
     scripts = {_script(letter) for letter in letters if letter.isalpha()}
     if len(scripts) > 1 and not scripts <= _EAST_ASIAN:
         raise InvalidInput("auth.mixed_scripts", name=name)
-    if appearance(name) == SERVICE_NAME:
+    if appearance(name) in (appearance(SERVICE_NAME), appearance(STOP_ALL_NAME)):
         raise InvalidInput("auth.reserved_name", name=name)
 
 

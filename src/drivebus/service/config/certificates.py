@@ -1,4 +1,4 @@
-"""TLS certificates that a gateway serves: their last day, and the mode of their key. Reads files, opens no port."""
+"""TLS certificates that a gateway serves: first and last day, and the mode of the key. Reads files, opens no port."""
 
 from __future__ import annotations
 
@@ -23,9 +23,19 @@ class CertificateState:
 
     gateway: str
     certificate: Path
+    valid_from: datetime
     valid_until: datetime
     key: Path
     key_mode: int
+
+    @property
+    def begin_params(self) -> dict[str, str]:
+        """Parameters of ``plant.certificate_early``."""
+        start = f"{self.valid_from:%Y-%m-%d %H:%M} UTC"
+        return {"gateway": self.gateway, "file": str(self.certificate), "start": start}
+
+    def is_early(self, now: datetime) -> bool:
+        return now < self.valid_from
 
     def is_expired(self, now: datetime) -> bool:
         return now > self.valid_until
@@ -42,28 +52,33 @@ def certificate_states(config: PlantConfig) -> Iterator[CertificateState]:
     for gateway in config.gateways:
         for files in gateway.certificates if gateway.enabled else ():
             try:
-                until, mode = valid_until(files), files.key.stat().st_mode & 0o777
+                (start, until), mode = validity(files), files.key.stat().st_mode & 0o777
             except (OSError, ValueError):
                 continue
-            yield CertificateState(gateway.id, files.certificate, until, files.key, mode)
+            yield CertificateState(gateway.id, files.certificate, start, until, files.key, mode)
 
 
-def valid_until(files: CertificateFiles) -> datetime:
-    """Return the end of the first certificate of a PEM file. Raises OSError, ValueError for anything else."""
+def validity(files: CertificateFiles) -> tuple[datetime, datetime]:
+    """Return begin and end of the first certificate of a PEM file. Raises OSError, ValueError for anything else."""
     match = _PEM_CERTIFICATE.search(files.certificate.read_text(encoding="ascii", errors="replace"))
     if match is None:
         raise ValueError("no certificate")
-    return _not_after(ssl.PEM_cert_to_DER_cert(match[0]))
+    return _validity(ssl.PEM_cert_to_DER_cert(match[0]))
 
 
-def _not_after(der: bytes) -> datetime:
-    """Return ``notAfter`` of a certificate (RFC 5280, 4.1). Raises ValueError."""
+def _validity(der: bytes) -> tuple[datetime, datetime]:
+    """Return ``notBefore`` and ``notAfter`` of a certificate (RFC 5280, 4.1). Raises ValueError."""
     (_, certificate), *_ = _elements(der)
     (_, to_be_signed), *_ = _elements(certificate)
     fields = [element for element in _elements(to_be_signed) if element[0] != _CONTEXT_VERSION]
     if len(fields) < 4:  # serialNumber, signature, issuer, validity
         raise ValueError("not a certificate")
-    _, (kind, text) = [*_elements(fields[3][1])][:2]
+    start, end = [*_elements(fields[3][1])][:2]
+    return _time(*start), _time(*end)
+
+
+def _time(kind: int, text: bytes) -> datetime:
+    """Return a UTCTime or GeneralizedTime. Raises ValueError."""
     digits = text.decode("ascii")
     if kind == _UTC_TIME:
         digits = ("19" if int(digits[:2]) >= 50 else "20") + digits

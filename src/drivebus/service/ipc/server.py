@@ -21,7 +21,7 @@ from drivebus.service.api.errors import error_to_json
 from drivebus.service.api.operations import OPERATIONS
 from drivebus.service.api.operations.plant import PLANT_STOP
 from drivebus.service.api.strict_json import parse_json
-from drivebus.service.auth.actor import Actor, local_actor
+from drivebus.service.auth.actor import STOP_ALL_NAME, Actor, local_actor
 from drivebus.service.ipc.protocol import (
     MAX_MESSAGE_BYTES,
     MAX_MOTION_WAIT_S,
@@ -222,7 +222,9 @@ class StopServer:
             if await reader.readline() == STOP_REQUEST:
                 self._stops += 1
                 writer.write(STOP_RECEIVED)
-                outcomes = await self._service.call(PLANT_STOP.name, {}, local_actor("stop-all", f"stop-{self._stops}"))
+                outcomes = await self._service.call(
+                    PLANT_STOP.name, {}, local_actor(STOP_ALL_NAME, f"stop-{self._stops}")
+                )
                 writer.write(json.dumps(outcomes, ensure_ascii=False).encode() + b"\n")
                 await writer.drain()
         except (ValueError, ConnectionError, DrivebusError):

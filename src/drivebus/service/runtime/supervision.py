@@ -123,12 +123,16 @@ class SupervisionCycle:
         plant, config = self._plant, self._plant.config
         plant.clock_synchronized = is_clock_synchronized()
         plant.disk_space = await asyncio.to_thread(_disk_space, config.directory)
-        self._report_certificates(await asyncio.to_thread(lambda: list(certificate_states(config))))
+        certificates = await asyncio.to_thread(lambda: list(certificate_states(config)))
+        self._report_certificates(certificates)
         errors = await asyncio.to_thread(lambda: list(certificate_problems(config)))
         if self._software_problems is None:
             changed = await asyncio.to_thread(lambda: list(changed_packages()))
             self._software_problems = [localized("plant.package_changed", found.text_params()) for found in changed]
         problems = [*self._software_problems, *(localized(error.key, error.params) for error in errors)]
+        now = datetime.fromtimestamp(plant.wall_ms() / 1000, UTC)
+        early = [state.begin_params for state in certificates if state.is_early(now)]
+        problems += [localized("plant.certificate_early", params) for params in early]
         if plant.clock_synchronized is False and plant.now() >= self._clock_report_at:
             problems.append(localized("plant.clock_unsynchronized"))
         self._report_problems(problems)
