@@ -71,6 +71,21 @@ def test_an_outcome_is_printed_once_with_further_notes_below() -> None:
     assert len(text.splitlines()) == 2
 
 
+@pytest.mark.parametrize(
+    ("language", "bits"),
+    [
+        ("en", "bits that are set: ready, running, emergency stop under way"),
+        ("zh", "置位的位：变频器就绪、运行中、紧急停车过程中"),
+    ],
+)
+def test_the_status_word_names_its_bits(language: str, bits: str) -> None:
+    output.parse_global_options(["--lang", language])
+    readings = {"state": Reading(value=25.0, raw=0x0019, source_time=1.0)}
+    assert bits in status_text(DriveStatus(state=DriveState.DECELERATING, readings=readings), 2.0, VC660)
+    status = DriveStatus(state=DriveState.STOPPED, readings={"state": Reading(value=0.0, raw=0, source_time=1.0)})
+    assert bits.partition(" ready")[0].partition("变频器")[0] not in status_text(status, 2.0, VC660)
+
+
 def test_signals_have_a_chinese_meaning_beside_their_name() -> None:
     output.parse_global_options(["--lang", "zh"])
     status = DriveStatus(

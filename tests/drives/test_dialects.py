@@ -138,7 +138,7 @@ def test_a_command_reply_of_c320_is_no_fact_unless_its_item_is_known() -> None:
         (0x0009, DriveState.RUNNING),
         (0x0109, DriveState.JOGGING),
         (0x0089, DriveState.BRAKING),
-        (0x0019, DriveState.BRAKING),
+        (0x0019, DriveState.DECELERATING),  # an emergency stop under way is no DC braking
         (0x0049, DriveState.RESTARTING),
         (0x0029, DriveState.PAUSED),
         (0x0002, DriveState.FAULT),

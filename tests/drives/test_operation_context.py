@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from drivebus import i18n
+from drivebus.bus.core import UntrustedReply
 from drivebus.bus.messages import BusRequest, BusResult, RetryPolicy
 from drivebus.drives.dialects.base import CommandFrame
 from drivebus.drives.eeprom_budget import EepromBudget
@@ -18,7 +19,7 @@ from drivebus.drives.operations.steps import UpdateStore, Wait, run_pure
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.permissives import CommandKind
 from drivebus.drives.state import DriveState
-from drivebus.errors import NoReply, NotPermitted
+from drivebus.errors import ChecksumError, NoReply, NotPermitted
 from drivebus.protocols import modbus, sunfar
 from drivebus.service.api.errors import exchange_json
 from fixtures.drives import FakeC320, FakeModbus, PureBus, dialect_for, operation_for
@@ -37,6 +38,23 @@ def test_no_operation_sends_a_frame_outside_the_allow_list(register: int) -> Non
         )
     assert caught.value.key == "drives.not_listed"
     assert not bus.requests
+
+
+def test_a_damaged_reply_to_the_read_that_shows_an_echo_is_named() -> None:
+    """Regression: where every read had a wrong CRC, the remedy of ``status`` was to read a value from a drive first."""
+    damaged = ChecksumError("modbus.crc", expected=0x8479, found=0x7984)
+    mirrored = UntrustedReply("bus.own_echo", station=1)
+
+    def station(request: Any) -> Any:
+        return mirrored if isinstance(request, modbus.Diagnostics) else damaged
+
+    bus = PureBus(dialect=dialect_for("vc660"), station=station)
+    op = operation_for(bus.dialect)
+    assert bus.run(op.read_verified_state()) is damaged
+    silent = PureBus(
+        dialect=bus.dialect, station=lambda request: mirrored if isinstance(request, modbus.Diagnostics) else None
+    )
+    assert silent.run(operation_for(silent.dialect).read_verified_state()) is mirrored
 
 
 def test_a_rejected_sync_probe_is_no_valid_sync_reply() -> None:

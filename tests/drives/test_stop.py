@@ -332,6 +332,36 @@ def test_replies_without_a_state_are_named_and_not_called_no_reply(model: str, s
         assert all(remedy in i18n.text("hint.drives.stop_unusable_replies", language) for remedy in remedies)
 
 
+@pytest.mark.parametrize("error", [STRAY, LATE], ids=["stray", "late"])
+def test_a_stop_of_df800_names_the_replies_to_its_reads_that_are_not_accepted(error: Exception) -> None:
+    """Regression: the outcome named no reply at all. No stop is answered here, only the reads between them."""
+
+    def station(request: Any) -> Any:
+        return None if isinstance(request, modbus.WriteRegister) else error
+
+    outcome = PureBus(dialect=dialect_for("df800"), station=station).run(stop(operation_for(dialect_for("df800"))))
+    assert outcome.key == "drives.stop_unusable_replies"
+    assert outcome.params["why"] == bilingual_text(error.key, **error.params)  # type: ignore[attr-defined]
+
+
+def test_a_stop_whose_drive_reported_a_state_names_the_replies_that_were_not_accepted() -> None:
+    """Regression: where a drive answers twice, the hint called its wiring right and the outcome named no cause."""
+
+    class AnswersTwice(FakeC320):
+        def __call__(self, request: Any) -> Any:
+            reply = super().__call__(request)
+            return STRAY if isinstance(request, sunfar.SunfarControl) else reply
+
+    why = bilingual_text(STRAY.key, **STRAY.params)
+    bus = c320(AnswersTwice(state=sunfar.SunfarState.RUNNING_FORWARD))
+    outcome = bus.run(stop(operation_for(bus.dialect)))
+    assert (outcome.key, outcome.notes) == ("drives.stop_unconfirmed", (("drives.unusable_replies", {"why": why}),))
+    answered = c320(FakeC320(state=sunfar.SunfarState.RUNNING_FORWARD))
+    assert answered.run(stop(operation_for(answered.dialect))).notes == ()
+    for language, wrong in (("en", "wiring"), ("zh", "接线")):
+        assert wrong not in i18n.text("hint.drives.stop_contradicted", language)
+
+
 def test_one_reading_of_standstill_is_not_enough() -> None:
     """Two out of two: a single flipped status must not end a stop."""
     flips = [sunfar.SunfarState.STOPPED, sunfar.SunfarState.RUNNING_FORWARD]

@@ -320,5 +320,9 @@ def test_a_profile_is_returned_whole() -> None:
             ]
             assert {"notation", "address_hex", "text", "evidence"} <= found["parameters"][0].keys()
             assert all(text["en"] and text["zh"] for text in found["keypad"])
+            assert found["status_bits"] == []
+            bits = (await kit.call("models.get", model="vc660"))["status_bits"]
+            assert {bit["name"]: bit["mask"] for bit in bits} == profiles.load("vc660").status.bits  # type: ignore[union-attr]
+            assert bits[4]["text"] == {"en": "emergency stop under way", "zh": "紧急停车过程中"}
 
     run(scenario())

@@ -145,7 +145,7 @@ def warning_text(status: DriveStatus) -> str:
 def _reading_row(name: str, reading: Reading, now: float, profile: DriveProfile) -> dict[str, str]:
     age = reading.age_s(now)
     signal = profile.signals.get(name)
-    reason = output.text(reading.reason) if reading.reason else ""
+    reason = output.text(reading.reason) if reading.reason else _status_bits_text(name, reading, profile)
     is_good = reading.quality is Quality.GOOD
     return {
         "reading": name,
@@ -154,6 +154,14 @@ def _reading_row(name: str, reading: Reading, now: float, profile: DriveProfile)
         "age": MISSING_VALUE if age is None else f"{age:.2f} s",
         "quality": reason if is_good else output.text(f"status.{reading.quality}", why=reason),
     }
+
+
+def _status_bits_text(name: str, reading: Reading, profile: DriveProfile) -> str:
+    """Format the bits that are set in a status word of bits; empty for every other reading."""
+    if name != "state" or reading.raw is None or profile.status is None:
+        return ""
+    names = [output.text(f"drives.bit_{bit}") for bit in profile.status.set_bits(reading.raw)]
+    return output.text("status.bits", bits=output.join(names, "items")) if names else ""
 
 
 def state_text(status: DriveStatus) -> str:

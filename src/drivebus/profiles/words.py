@@ -145,6 +145,10 @@ class StatusMap:
         """Bits that the profile names, from the lowest of the word to the highest."""
         return max(mask.bit_length() for mask in self.bits.values() or (self.mask,))
 
+    def set_bits(self, word: int) -> tuple[str, ...]:
+        """Return the names of the bits that a word has set; empty where the word is a number."""
+        return tuple(name for name, mask in self.bits.items() if word & mask)
+
     def fault_number(self, word: int) -> int:
         """Return the number in the field of a fault register."""
         return (word & self.fault_mask) // (self.fault_mask & -self.fault_mask)

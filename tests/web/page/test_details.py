@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from drivebus import errors, i18n
+from drivebus import errors, i18n, profiles
 from drivebus.bus.core import UntrustedReply
 from fixtures.axe import axe_violations
 from fixtures.browser import Stage
@@ -155,6 +155,22 @@ def test_the_identity_of_a_c320_is_read_on_the_page(visit: Any, language: str) -
     page.wait_for_selector("[data-text=identity]:has-text('380 V')")
     assert "page." not in page.locator("[data-text=identity]").inner_text()
     page.locator("[data-text=identity]").scroll_into_view_if_needed()
+
+
+@pytest.mark.parametrize(("language", "emergency"), [("en", "emergency stop under way"), ("zh", "紧急停车过程中")])
+def test_the_bits_of_the_status_word_are_listed_with_those_that_are_set(
+    visit: Any, language: str, emergency: str
+) -> None:
+    """The word of the VC660 stood on the page as a number, and its bits nowhere."""
+    page = visit("#/drive/pump-1?tab=profile", language=language)
+    rows = page.locator("table", has_text=emergency).locator("tbody tr")
+    expecting()(rows).to_have_count(len(profiles.load("vc660").status.bits))  # type: ignore[union-attr]
+    expecting()(rows.nth(0)).to_contain_text(i18n.text("page.yes", language))
+    expecting()(rows.nth(4)).to_contain_text(i18n.text("page.no", language))
+    expecting()(rows.nth(4)).to_contain_text("0010H")
+    table = visit("#/models/vc660", language=language).locator("table", has_text=emergency)
+    expecting()(table).to_be_visible()
+    assert i18n.text("page.status_set", language) not in table.inner_text()
 
 
 def test_a_start_that_needs_a_waiver_leads_to_the_panel_of_test_and_waiver(stage: Stage, visit: Any) -> None:

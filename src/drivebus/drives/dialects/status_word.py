@@ -10,7 +10,7 @@ from drivebus.drives.state import DerivedState, Direction, DriveState
 from drivebus.profiles.words import StatusMap
 
 STATE_BITS = (
-    ("emergency_stopping", DriveState.BRAKING),
+    ("emergency_stopping", DriveState.DECELERATING),
     ("dc_braking", DriveState.BRAKING),
     ("jogging", DriveState.JOGGING),
     ("speed_search", DriveState.RESTARTING),

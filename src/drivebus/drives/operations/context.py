@@ -18,7 +18,7 @@ from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
 from drivebus.drives.permissives import CommandKind, DriveCommand, DriveEvidence, PermitInputs
 from drivebus.drives.readings import ReadingPairs, Readings
 from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveState, DriveStatus
-from drivebus.errors import DrivebusError, NotPermitted, PortLost, StartInhibited, Superseded
+from drivebus.errors import DrivebusError, NotPermitted, PortLost, ProtocolError, StartInhibited, Superseded
 from drivebus.protocols.codec import Effect
 from drivebus.values import Text, bilingual_text
 
@@ -222,7 +222,9 @@ class OperationContext:
         """Send a sync probe, whose reply proves that replies are current, and return what went wrong."""
         result = yield from self.transact(self._sync_request(avoid))
         if _is_mirrored_reply(result):
-            yield from self.transact(self.dialect.echo_test_read())
+            test = yield from self.transact(self.dialect.echo_test_read())
+            if isinstance(test.error, ProtocolError):  # what it names is why the echo is not known
+                return test.error
             result = yield from self.transact(self._sync_request(avoid))
         if result.error is not None:
             return _as_drivebus_error(result.error)

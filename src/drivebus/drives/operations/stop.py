@@ -14,7 +14,7 @@ from typing import Any
 
 from drivebus.bus.messages import BusResult, RequestPriority
 from drivebus.drives.dialects.base import Dialect, StopMode
-from drivebus.drives.operations.context import VERIFICATION_ROUNDS, OperationContext
+from drivebus.drives.operations.context import VERIFICATION_ROUNDS, OperationContext, with_note
 from drivebus.drives.operations.steps import OWN_FRAME, DriveOperation, get_bus_conditions, wait
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import STATE_NOT_READ, DriveState
@@ -198,12 +198,19 @@ def _repeat_unverifiable(
     """Stop a drive without a run status: repeat it, then report it as acknowledged."""
     for _ in range(UNVERIFIABLE_STOP_SENDS - 1):
         if not answered:  # the reply mirrors the stop: a read shows whether the adapter echoes
-            yield from _read_or_wait(op, op.sync(), last_sent_at)
+            yield from _read_or_wait(op, _read_for_a_named_reply(op), last_sent_at)
         last_sent_at = yield from wait(STOP_POLL_INTERVAL_S)
         answered = (yield from send_stop(op, mode)) or answered
     if answered:
         return op.outcome(OutcomeStatus.ACKNOWLEDGED, "drives.stop_acknowledged")
     return unconfirmed_outcome(op)
+
+
+def _read_for_a_named_reply(op: OperationContext) -> DriveOperation[None]:
+    """Perform a harmless read, which shows whether the adapter echoes; keep what is wrong with its reply."""
+    error = yield from op.sync()
+    if error is not None:
+        op.state_reports.name_unusable(error)
 
 
 def _until_confirmed(
@@ -274,6 +281,8 @@ def unconfirmed_outcome(op: OperationContext) -> Outcome:
     else:
         key = "drives.stop_unconfirmed" if state.turning else "drives.stop_contradicted"
     outcome = op.outcome(OutcomeStatus.UNKNOWN, key, **params)
+    if reports.unusable is not None:
+        outcome = with_note(outcome, "drives.unusable_replies", why=reports.unusable)
     if op.derived is not STATE_NOT_READ or outcome.drive_status is None:
         return outcome
     status = replace(outcome.drive_status, state=state, direction=reports.newest.direction, reason=None)

@@ -10,7 +10,7 @@ from drivebus.profiles.notation import find_entry
 from drivebus.protocols.family import Locator
 from drivebus.service.live.views import fault_json, text_json
 from drivebus.types import Json
-from drivebus.values import Reading, Text
+from drivebus.values import Reading, Text, bilingual_text
 
 
 def profile_json(profile: DriveProfile) -> Json:
@@ -33,6 +33,7 @@ def profile_json(profile: DriveProfile) -> Json:
         "capabilities": sorted(profile.capabilities),
         "jog_frequency": profile.jog_frequency,
         "signals": [_signal(signal) for signal in profile.signals.values()],
+        "status_bits": _status_bits(profile),
         "parameters": [_parameter(parameter) for parameter in profile.parameters.values()],
         "faults": [fault_json(fault) for fault in profile.faults.values()],
         "caveats": [_caveat(caveat) for caveat in profile.caveats],
@@ -58,6 +59,14 @@ def _signal(signal: Signal) -> Json:
         "text": text_json(signal.text),
         "evidence": _evidence(signal.evidence),
     }
+
+
+def _status_bits(profile: DriveProfile) -> list[Json]:
+    bits = {} if profile.status is None else profile.status.bits
+    return [
+        {"name": name, "mask": mask, "text": text_json(bilingual_text(f"drives.bit_{name}"))}
+        for name, mask in bits.items()
+    ]
 
 
 def _parameter(parameter: Parameter) -> Json:

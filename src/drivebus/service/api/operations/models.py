@@ -91,6 +91,14 @@ class ModelSignalObject(ApiObject):
     evidence: EvidenceObject
 
 
+class StatusBitObject(ApiObject):
+    """A bit of the status word, which is the signal ``state``."""
+
+    name: str
+    mask: int
+    text: LocalizedText
+
+
 class ParameterObject(ApiObject):
     """A parameter. ``choices``: texts by raw word; where they are not ``choices_complete`` the drive accepts others."""
 
@@ -130,7 +138,10 @@ class OpenQuestionObject(ApiObject):
 
 
 class ProfileObject(ApiObject):
-    """A model with everything that the page shows of it. ``keypad``: the steps before the bus may control it."""
+    """A model with everything that the page shows of it. ``keypad``: the steps before the bus may control it.
+
+    ``status_bits`` is empty where the status word is a number or the model has none.
+    """
 
     model: str
     maker: LocalizedText
@@ -143,6 +154,7 @@ class ProfileObject(ApiObject):
     capabilities: list[str]
     jog_frequency: JogFrequency | None
     signals: list[ModelSignalObject]
+    status_bits: list[StatusBitObject]
     parameters: list[ParameterObject]
     faults: list[FaultObject]
     caveats: list[CaveatObject]

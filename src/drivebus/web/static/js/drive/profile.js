@@ -4,6 +4,7 @@ import { localized, t } from "../i18n.js";
 import { api, drivePath } from "../api.js";
 import { NO_VALUE } from "../format.js";
 import { isLive } from "../live.js";
+import { reading } from "../readings.js";
 import { href } from "../router.js";
 import { may } from "../session.js";
 import { Button, ErrorNote, Notice, Table, useRequest } from "../ui.js";
@@ -49,13 +50,23 @@ function Identity({ id }) {
       ${t("page.identity_read")}<//></div>`;
 }
 
+/** Bits of the status word; of a drive also which of them are set in the word that it reported last. */
+function StatusBits({ bits, word }) {
+  const columns = [[t("page.status_bit"), (bit) => localized(bit.text), "wide"],
+    [t("page.status_mask"), (bit) => html`<code>${bit.mask.toString(16).toUpperCase().padStart(4, "0")}H</code>`]];
+  const set = [t("page.status_set"), (bit) => yesOrNo(word === null ? null : (word & bit.mask) !== 0)];
+  return html`<h3>${t("page.status_bits")}</h3><${Table} stacks caption=${t("page.status_bits")} rows=${bits}
+    keyOf=${(bit) => bit.name} columns=${word === undefined ? columns : [...columns, set]} />`;
+}
+
 export function ProfileTab({ view, profile }) {
-  return html`<${ModelProfile} profile=${profile}>
+  const state = reading(view, "state");
+  return html`<${ModelProfile} profile=${profile} word=${state?.quality === "good" ? state.value : null}>
     ${profile.capabilities.includes("identify") && may("operate") && html`<${Identity} key=${view.id} id=${view.id} />`}
     <p><a href=${href("models")}>${t("page.models_back")}</a></p><//>`;
 }
 
-export function ModelProfile({ profile, children }) {
+export function ModelProfile({ profile, word, children }) {
   return html`<div class="stack"><${Facts} profile=${profile} />${children}
     ${profile.caveats.length > 0 && html`<h3>${t("page.caveats")}</h3>${profile.caveats.map((caveat) => html`
       <${Notice} key=${caveat.id} kind="warning"><p>${localized(caveat.text)}</p>
@@ -73,5 +84,5 @@ export function ModelProfile({ profile, children }) {
         ${signal.notation}</code>`],
       [t("page.wire_address"), (signal) => html`<code>${signal.address_hex}</code>`], [t("page.unit"), (signal) => signal.unit],
       [t("page.period"), (signal) => `${signal.period_s} s`, "right"],
-    ]} /></div>`;
+    ]} />${profile.status_bits.length > 0 && html`<${StatusBits} bits=${profile.status_bits} word=${word} />`}</div>`;
 }
