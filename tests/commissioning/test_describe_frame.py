@@ -364,3 +364,23 @@ def test_a_signal_that_only_its_profile_names_has_the_text_of_the_profile() -> N
     request = modbus.ModbusRtuCodec().encode_request(modbus.ReadRegisters(1, 0x3001, 1))
     [known] = describe_frame("vc660", reply, request=request).fields["values"]
     assert known["name"] == "set_frequency" and "meaning" not in known
+
+
+def test_a_misspelt_broadcast_stop_has_no_hazard_of_a_start() -> None:
+    """A = 02 and address 02 (DZB100): only a broadcast that moves has that hazard."""
+    stop = describe_frame("dzb100", b"C\x03\x0202000000")
+    assert (stop.hazards, stop.canonical) == ((), b"C\x03\x0200000000")
+    run = describe_frame("dzb100", b"C\x03\x0202010001")
+    assert [key for key, _ in run.hazards] == ["explain.broadcast_motion"] and run.canonical is None
+
+
+def test_an_operation_in_a_broadcast_read_of_c320_keeps_its_hazard() -> None:
+    frame = b"*1F101000"
+    shown = describe_frame("c320", frame + b"%04X\r" % sum(frame[1:]))
+    assert "explain.broadcast_motion" in [key for key, _ in shown.hazards]
+
+
+def test_the_current_of_dzb100_is_shown_under_each_coding() -> None:
+    reply = describe_frame("dzb100", b"Q\x03\x0601020063", request=b"Q\x03\x0101020000")
+    expected = ["9.9 A (hex-0.1)", "0.99 A (hex-0.01)", "6.3 A (decimal-0.1)", "99 A (hex-1)"]
+    assert reply.fields["current_by_coding"] == expected

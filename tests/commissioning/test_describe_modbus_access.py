@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
-from drivebus import profiles
+from drivebus import i18n, profiles
+from drivebus.commissioning.decode import labels
 from drivebus.commissioning.decode.modbus import describe
+from drivebus.profiles.schema import StatusName
 from drivebus.protocols import modbus
 
 CODEC = modbus.ModbusRtuCodec()
@@ -92,3 +94,67 @@ def test_a_read_that_the_drive_rejects_is_no_mistake_of_its_master() -> None:
     ]
     answer = describe(profiles.load("vf_s11"), rejection, "rtu", "response", request)
     assert answer.valid and answer.fields["exception"] == 3
+
+
+def keys(notes: Any) -> list[str]:
+    return [key for key, _ in notes]
+
+
+def test_the_bits_of_a_status_word_and_of_the_fault_words_are_named() -> None:
+    fields = reply_fields("vc660", modbus.ReadRegisters(1, 0x3000, 1), modbus.RegisterValues(1, 3, (0x4013,)))
+    (row,) = fields["values"]
+    assert row["status_bits"] == ["ready", "fault", "emergency_stopping", "set_reverse"]
+    assert labels.value_text("status_bits", "emergency_stopping", "zh") == "紧急停车过程中"
+    fields = reply_fields("vc660", modbus.ReadRegisters(1, 0x3016, 3), modbus.RegisterValues(1, 3, (1, 0x8000, 3)))
+    first, second, warning = fields["values"]
+    assert [fault.en for fault in first["faults"]] == ["under-voltage"]
+    assert [fault.en.split()[:2] for fault in second["faults"]] == [["bit", "31"]]
+    assert "faults" not in warning and "status_bits" not in warning
+
+
+def test_every_status_bit_of_the_profiles_has_its_text() -> None:
+    names = get_args(StatusName)
+    assert names and all(i18n.known(f"drives.bit_{name}") for name in names)
+
+
+@pytest.mark.parametrize(
+    ("model", "word", "bits"),
+    [("vc660", 0x8400, (10, 15)), ("vc660", 0x03FF, ()), ("df800", 0x0021, (5,)), ("df800", 0x001F, ())],
+)
+def test_bits_that_the_manual_reserves_in_a_command_word_are_named(model: str, word: int, bits: Any) -> None:
+    errata = request_fields(model, modbus.WriteRegister(1, 0x2000, word)).errata
+    assert errata == ((("explain.undescribed_bits", {"word": word, "bits": bits}),) if bits else ())
+
+
+def test_a_command_word_without_a_command_says_so() -> None:
+    fields = request_fields("vc660", modbus.WriteRegister(1, 0x2000, 0)).fields
+    assert fields["commands"] == [] and labels.value_text("commands", [], "en") == "none"
+
+
+@pytest.mark.parametrize("register", [0x2002, 0x2003, 0x2004, 0x2005])
+def test_a_write_of_input_terminals_is_named_with_its_hazard(register: int) -> None:
+    shown = request_fields("vc660", modbus.WriteRegister(1, register, 1))
+    assert "virtual inputs" in shown.fields["meaning"].en and keys(shown.hazards) == ["explain.terminals"]
+
+
+@pytest.mark.parametrize(("register", "word", "errata"), [(0x2006, 8, ["explain.value_range"]), (0x2006, 7, [])])
+def test_a_value_outside_the_range_of_the_manual_is_named(register: int, word: int, errata: list[str]) -> None:
+    shown = request_fields("vc660", modbus.WriteRegister(1, register, word))
+    assert keys(shown.errata) == errata and keys(shown.hazards) == []
+
+
+def test_a_value_is_not_compared_with_a_range_that_the_manual_prints_wrong() -> None:
+    assert request_fields("vc660", modbus.WriteRegister(1, 0x2008, 0xFFFF)).errata == ()
+
+
+def test_a_written_choice_is_named() -> None:
+    fields = request_fields("vc660", modbus.WriteRegister(1, 1, 4)).fields
+    assert (fields["parameter"], fields["choice"].en) == ("F00.01", "serial port")
+    assert "choice" not in request_fields("vc660", modbus.WriteRegister(1, 1, 2)).fields
+
+
+def test_a_loop_back_of_another_sub_function_is_no_valid_frame_in_either_direction() -> None:
+    frame = bytes.fromhex("01 08 00 01 5A A5 4B 10")
+    for direction in (None, "request", "response"):
+        shown = describe(profiles.load("vc660"), frame, "rtu", direction, None)  # type: ignore[arg-type]
+        assert not shown.valid and keys(shown.problems) == ["modbus.sub_function"]

@@ -135,7 +135,8 @@ def field_text(name: str, value: Any) -> str:
         ]
         return output.join(pairs, "phrases")
     if isinstance(value, list | tuple):
-        return output.join((field_text(name, each) for each in value), "items")
+        texts = [field_text(name, each) for each in value]
+        return output.join(texts, "clauses" if any(isinstance(each, dict) for each in value) else "items")
     return str(output.to_json_value(value)) if not isinstance(value, str | int | float) else str(value)
 
 

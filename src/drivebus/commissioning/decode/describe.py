@@ -43,9 +43,10 @@ def describe_frame(
     if hazard is None or not description.valid or description.direction != "request":
         return description
     dialect = create_dialect(replace(loaded, encodings=(chosen,)), loaded.addresses[0])
-    return annotate(
-        description, {}, hazards=(hazard,) if dialect.station_config.effect_of(data) is Effect.MOTION else ()
-    )
+    effect_of, canonical = dialect.station_config.effect_of, description.canonical
+    is_misspelt_stop = canonical is not None and effect_of(canonical) is Effect.STOP
+    moves = effect_of(data) is Effect.MOTION and not is_misspelt_stop
+    return annotate(description, {}, hazards=(hazard,) if moves else ())
 
 
 def _broadcast_hazard(profile: DriveProfile, description: FrameDescription) -> Note | None:

@@ -1,7 +1,7 @@
 """Descriptions of DZB100 frames with the facts of a profile.
 
-Added fields: ``value``, a text with unit; ``frequency_hz_by_coding``, the frequency under each coding that the manual
-allows; the fault's label, text, cause and remedy: see ``annotate.fault_fields``.
+Added fields: ``value``, a text with unit; ``frequency_hz_by_coding`` and ``current_by_coding``, under each coding that
+the manual allows; the fault's label, text, cause and remedy: see ``annotate.fault_fields``.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def _word_fields(profile: DriveProfile, description: FrameDescription) -> FieldD
         return {}
     added = _frequency_by_coding(word) if entry.unit == "Hz" else FieldDict()
     if head == "Q":
-        return added
+        return _current_by_coding(word) if entry.unit == "A" else added
     coding = _settled_coding(profile, "parameter_coding")
     if entry.unit == "Hz" and coding is not None:
         return added | _value_in_hertz(word, coding)
@@ -60,12 +60,20 @@ def _word_fields(profile: DriveProfile, description: FrameDescription) -> FieldD
 
 
 def _frequency_by_coding(word: int) -> FieldDict:
-    """Return the frequency of a word under each coding that can read it."""
-    frequencies: dict[str, float] = {}
+    return FieldDict(frequency_hz_by_coding=_by_coding(word))
+
+
+def _current_by_coding(word: int) -> FieldDict:
+    return FieldDict(current_by_coding=[f"{number:g} A ({coding})" for coding, number in _by_coding(word).items()])
+
+
+def _by_coding(word: int) -> dict[str, float]:
+    """Return the number of a word under each coding that can read it."""
+    numbers: dict[str, float] = {}
     for coding in dzb100.FREQUENCY_CODINGS:
         with suppress(ValueError):
-            frequencies[coding] = dzb100.decode_frequency(word, coding)
-    return FieldDict(frequency_hz_by_coding=frequencies)
+            numbers[coding] = dzb100.decode_frequency(word, coding)
+    return numbers
 
 
 def _value_in_hertz(word: int, coding: dzb100.FrequencyCoding) -> FieldDict:

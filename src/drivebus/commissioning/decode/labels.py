@@ -18,6 +18,8 @@ def field_label(name: str, language: str) -> str:
 
 def value_text(name: str, value: Any, language: str) -> str | None:
     """Return the text of a truth value, command, state, response, signal or raw word; None for other values."""
+    if name == "commands" and value == []:
+        return i18n.text("decode.word.none", language)
     if isinstance(value, bool) or value is None:
         return i18n.text(f"decode.{str(value).lower()}", language)
     if isinstance(value, Text):
@@ -26,6 +28,8 @@ def value_text(name: str, value: Any, language: str) -> str | None:
         return f"{value} ({value:04X}H)"
     if not isinstance(value, str):
         return None
+    if name == "status_bits":
+        return _text_or_none(f"drives.bit_{value}", language)
     if name.endswith("_name") or name == "commands":
         return _text_or_none(f"decode.word.{value}", language)
     return _text_or_none(f"signal.{value}", language) if name == "name" else None

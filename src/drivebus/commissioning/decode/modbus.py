@@ -1,8 +1,8 @@
 """Descriptions of Modbus frames with the facts of a profile: registers, command bits, misprints of the manual.
 
 Added fields: ``parameter`` (notation), ``frequency_hz`` or ``scaled``, ``commands`` (names of the command word's bits),
-``values`` (each register of a read with notation, raw and value), ``exception_name``, ``saves`` (the write goes to
-EEPROM as well).
+``values`` (each register of a read with notation, raw, value and the bits that are set), ``name`` (of a register that
+is written), ``exception_name``, ``saves`` (the write goes to EEPROM as well).
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from drivebus.commissioning.decode.annotate import (
     scaled_value,
 )
 from drivebus.commissioning.decode.errata import canonical_of_misprint, misprint_of
+from drivebus.drives.dialects.modbus import is_terminal_word
 from drivebus.drives.dialects.modbus_reads import SPACES, Span, join_words, span_of, span_value
 from drivebus.drives.dialects.modbus_writes import (
     CommandWrite,
@@ -30,6 +31,7 @@ from drivebus.drives.dialects.modbus_writes import (
     SetpointWrite,
     UnlockWrite,
 )
+from drivebus.drives.state import Fault
 from drivebus.profiles import DriveProfile
 from drivebus.profiles.model import Parameter, Signal
 from drivebus.profiles.notation import format_locator
@@ -143,6 +145,10 @@ def _access_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Not
     space = REQUEST_SPACES.get(function or 0, "holding")
     entry = None if register is None else entry_at(profile, (space, register))
     commands = profile.commands
+    if commands and function == 6 and (commands.space, commands.register) == ("holding", register):
+        notes += _undescribed_bits(profile, fields["value"])
+    if function == 6 and isinstance(entry, Parameter):
+        notes += _range_errata(entry, fields["value"])
     controls = {(commands.space, commands.register), ("holding", commands.setpoint_register)} if commands else set()
     if function in (5, 6, 15, 16) and isinstance(entry, Signal):
         notes.append(note("explain.read_only", register=register))
@@ -160,6 +166,32 @@ def _access_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Not
     return notes
 
 
+def _undescribed_bits(profile: DriveProfile, word: int) -> list[Note]:
+    """Report bits of a command word of bits that have no function in the profile."""
+    commands = profile.commands
+    if commands is None or commands.values:
+        return []
+    choices = [bits for variants in commands.variants.values() for bits in variants.values()]
+    described = 0
+    for bits in (commands.bits, *choices):
+        for bit in bits.values():
+            described |= bit.mask
+    for step in commands.preparation:
+        described |= step.word
+    unknown = tuple(bit for bit in range(16) if word >> bit & 1 and not described >> bit & 1)
+    return [note("explain.undescribed_bits", word=word, bits=unknown)] if unknown else []
+
+
+def _range_errata(parameter: Parameter, word: int) -> list[Note]:
+    """Report a value outside the range of the parameter in the manual; one that is in doubt has a caveat."""
+    value, minimum, maximum = scaled_value(parameter, word), parameter.minimum, parameter.maximum
+    if value is None or minimum is None or maximum is None or minimum <= value <= maximum:
+        return []
+    if parameter.caveat or parameter.evidence.kind != "manual":
+        return []
+    return [note("explain.value_range", found=f"{value:g}", minimum=f"{minimum:g}", maximum=f"{maximum:g}")]
+
+
 def _value_rows(profile: DriveProfile, read: Span, values: Sequence[int]) -> FieldDict:
     by_locator = {(read.space, read.start + place): int(value) for place, value in enumerate(values)}
     rows = [_value_row(profile, locator, by_locator) for locator in by_locator]
@@ -174,16 +206,36 @@ def _value_row(profile: DriveProfile, locator: Locator, values: Mapping[Locator,
 
     A number in two registers has its value in the row of the first.
     """
-    row = FieldDict(notation=format_locator(locator, profile), raw=values[locator])
+    row, bits = (
+        FieldDict(notation=format_locator(locator, profile), raw=values[locator]),
+        _word_fields(profile, locator, values[locator]),
+    )
     entry = entry_at(profile, locator)
     if entry is None:
-        return row
+        return row | bits
     name = getattr(entry, "name", None)
     if name and not i18n.known(f"signal.{name}"):  # a name of the profile's own has its text there only
         row["meaning"] = entry.text
     number = span_value(span_of(entry), values, profile.modbus_features)
     value = scaled_value(entry, number) if entry.unit and number is not None else None
-    return row | ({"name": name} if name else {}) | ({} if value is None else {"value": value, "unit": entry.unit})
+    scaled = {} if value is None else {"value": value, "unit": entry.unit}
+    return row | ({"name": name} if name else {}) | scaled | bits
+
+
+def _word_fields(profile: DriveProfile, locator: Locator, word: int) -> FieldDict:
+    """Return the bits that are set in a status word, and the faults in a fault register."""
+    status, (space, register) = profile.status, locator
+    if status is None or space != status.space:
+        return FieldDict()
+    if register == status.register and status.bits:
+        return FieldDict(status_bits=list(status.set_bits(word)))
+    if register not in status.fault_registers:
+        return FieldDict()
+    first = 16 * status.fault_registers.index(register)
+    bits = [first + bit for bit in range(16) if word >> bit & 1]
+    codes = [number for number in [status.fault_number(word)] if number] if status.numbers_fault else bits
+    entries_of_codes = [profile.fault(code) for code in codes]
+    return FieldDict(faults=[Fault(entry.code, entry.label, entry.text).name for entry in entries_of_codes])
 
 
 def _recognized_fields(profile: DriveProfile, fields: Mapping[str, Any]) -> FieldDict:
@@ -227,7 +279,10 @@ def _written_fields(profile: DriveProfile, register: int, word: int) -> FieldDic
     for name, write in fixed.items():
         if write is not None and (write.register, write.value) == (register, word):
             return FieldDict(commands=[name])
-    return quantity_fields(entry_at(profile, ("holding", register)), word)
+    entry = entry_at(profile, ("holding", register))
+    meaning = {} if entry is None else FieldDict(meaning=entry.text)
+    choice = entry.choices.get(word) if isinstance(entry, Parameter) else None
+    return meaning | quantity_fields(entry, word) | ({} if choice is None else FieldDict(choice=choice))
 
 
 def _setpoint_fields(profile: DriveProfile, word: int) -> FieldDict:
@@ -259,7 +314,8 @@ def _is_directionless_jog(profile: DriveProfile, word: int) -> bool:
 def _write_hazards(profile: DriveProfile, register: int, word: int) -> list[Note]:
     commands = profile.commands
     if not commands or (commands.space, commands.register) != ("holding", register):
-        return []
+        entry = entry_at(profile, ("holding", register))
+        return [note("explain.terminals")] if isinstance(entry, Parameter) and is_terminal_word(entry) else []
     notes = []
     names = _command_names(profile, word)
     if commands.values and not names:

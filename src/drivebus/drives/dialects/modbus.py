@@ -160,7 +160,7 @@ class ModbusDialect(Dialect):
                 return self._require_command_word().effect(word)
             case UnlockWrite():  # it moves nothing, and a locked drive rejects a stop without it
                 return Effect.STOP
-            case ParameterWrite(parameter=parameter) if _is_terminal_word(parameter):
+            case ParameterWrite(parameter=parameter) if is_terminal_word(parameter):
                 return Effect.MOTION
         return Effect.SETTING
 
@@ -494,7 +494,7 @@ def _identity_span(profile: DriveProfile) -> Span | None:
     return next((span for span in spans if span.start == profile.identity_register), None)
 
 
-def _is_terminal_word(parameter: Parameter) -> bool:
+def is_terminal_word(parameter: Parameter) -> bool:
     """Return whether a register sets input terminals, one of which may be wired to "run" (VC660 2002H to 2005H).
 
     Its mark is that it can only be written and has no range.

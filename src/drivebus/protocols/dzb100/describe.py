@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from drivebus.errors import ProtocolError
@@ -198,6 +198,8 @@ def _frequency_fields(word: int, coding: FrequencyCoding) -> dict[str, float]:
 
 def _canonical_request(request: Dzb100Request) -> bytes | None:
     """Return the canonical frame of this request; None where the codec can't encode it."""
+    if isinstance(request, Dzb100Control) and request.broadcast and request.command.is_stop:
+        request = replace(request, address=0)
     try:
         return _CODEC.encode_request(request)
     except ValueError:

@@ -144,6 +144,9 @@ def _standalone_length(octets: bytes, *, short: bool, form: ReplyForm) -> int:
     if function & 0x80 or short:
         return 3
     if function in ECHO_FUNCTIONS:
+        sub_function = int.from_bytes(octets[2:4], "big")
+        if function == 8 and sub_function:
+            raise CodeError("modbus.sub_function", expected=0, found=sub_function)
         return FIXED_PDU.size
     if function not in READ_FUNCTIONS:
         raise CodeError("modbus.unknown_function", expected=("1-6", "8", "15", "16"), found=function)
