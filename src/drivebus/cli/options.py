@@ -111,9 +111,13 @@ def reject_second_value(
     values: dict[str, Any] = {}
     for name, value in assignments:
         if values.setdefault(name, value) != value:
-            both = output.join([f"{name}={values[name]}", f"{name}={value}"], "items")
+            both = output.join([_assignment_text(name, each) for each in (values[name], value)], "items")
             raise click.BadParameter(output.text("cli.given_twice", values=both), ctx, param)
     return assignments
+
+
+def _assignment_text(name: str, value: float | str) -> str:
+    return f"{name}={value if isinstance(value, str) else format(value, 'g')}"
 
 
 def record_option() -> click.Option:
