@@ -114,6 +114,15 @@ def test_a_frequent_password_is_rejected_also_repeated_joined_or_with_digits(pas
         check_password_policy(password, "li")
 
 
+def test_a_password_of_64_characters_counts_to_its_last_one() -> None:
+    password = "boiler tractor window kettle umbra guitar marble cactus ferry 12"
+    assert len(password) == 64 and check_password_policy(password, "li") == password
+    hashing = PasswordHashing(FAST_HASHER)
+    hashed = asyncio.run(hashing.hash(password))
+    assert asyncio.run(hashing.verify(hashed, password))
+    assert not asyncio.run(hashing.verify(hashed, password[:-1] + "3"))
+
+
 @pytest.mark.parametrize("password", ["correct horse battery", "boiler-tractor-window", "Zx9-kettle-umbra"])
 def test_three_words_are_a_passphrase(password: str) -> None:
     assert check_password_policy(password, "li") == password

@@ -50,6 +50,26 @@ def test_the_service_can_read_whether_the_clock_is_synchronized() -> None:
     assert not {"ProtectClock", "SystemCallFilter"} & service().keys()
 
 
+def test_the_service_has_no_rights_beyond_its_state_and_serial_adapters() -> None:
+    unit = service()
+    assert (unit["User"], unit["CapabilityBoundingSet"], unit["UMask"]) == ("drivebus", "", "0077")
+    assert (unit["ProtectSystem"], unit["DevicePolicy"], unit["StateDirectory"]) == ("strict", "closed", "drivebus")
+    assert not {"ReadWritePaths", "AmbientCapabilities", "BindPaths"} & unit.keys()
+    for name in (
+        "NoNewPrivileges",
+        "ProtectHome",
+        "PrivateTmp",
+        "ProtectKernelTunables",
+        "ProtectKernelModules",
+        "ProtectControlGroups",
+        "RestrictNamespaces",
+        "RestrictSUIDSGID",
+    ):
+        assert unit[name] == "yes", name
+    allowed = [line for line in UNIT.read_text().splitlines() if line.startswith("DeviceAllow=")]
+    assert allowed and all(line.startswith("DeviceAllow=char-tty") for line in allowed), "terminals only"
+
+
 def test_systemd_accepts_the_unit(tmp_path: Path) -> None:
     """Runs only where systemd is installed."""
     if (analyze := shutil.which("systemd-analyze")) is None:

@@ -272,3 +272,16 @@ def test_a_log_out_in_another_tab_is_named_and_one_on_this_page_is_not(visit: An
     expect(other.locator("[data-text=session-ended]")).to_contain_text(i18n.text("auth.closed.logout", "en"))
     page.locator("input[name=password]").wait_for()
     assert page.locator("[data-text=session-ended]").count() == 0
+
+
+def test_every_page_has_a_button_to_log_out(visit: Any) -> None:
+    expect = expecting()
+    page = visit("#/fleet", role="administrator")
+    links = page.locator("header a[href^='#/'], nav a[href^='#/']")
+    links.first.wait_for()
+    addresses = {link.get_attribute("href") for link in links.all()} | {"#/drive/fan-1", "#/nothing"}
+    assert {"#/fleet", "#/alarms", "#/settings"} <= addresses
+    for address in sorted(addresses):
+        page.evaluate("(address) => { location.hash = address; }", address)
+        page.locator("main h1").first.wait_for()
+        expect(page.get_by_role("button", name=i18n.text("page.log_out", "en"))).to_be_visible()

@@ -408,6 +408,9 @@ def test_every_response_has_the_security_headers(path: str, tmp_path: Path) -> N
             "cache-control": "no-store" if path.startswith("/api/") else "no-cache",
         }.items():
             assert answer.headers.get_list(name) == [value], name
+        kind = {"/": "text/html", "/static/js/app.js": "text/javascript"}.get(path, "application/json")
+        assert answer.headers["content-type"].partition(";")[0] == kind
+        assert kind == "application/json" or "charset=utf-8" in answer.headers["content-type"]
         assert "server" not in answer.headers
 
     run(scenario())

@@ -249,6 +249,35 @@ async def test_only_tls_1_2_and_newer_is_accepted_with_hsts(
         assert not await raw_response(host, port, b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
 
 
+@pytest.mark.parametrize(
+    ("suites", "works"),
+    [
+        ("ECDHE+AESGCM", True),
+        ("ECDHE+CHACHA20", True),
+        ("AES128-GCM-SHA256:AES256-GCM-SHA384:AES128-SHA256", False),  # the key of the session is encrypted, RFC 9325
+        ("ECDHE-ECDSA-AES128-SHA:ECDHE-RSA-AES128-SHA:AES128-SHA", False),  # SHA-1
+        ("aNULL", False),
+        ("eNULL", False),
+    ],
+)
+async def test_only_cipher_suites_with_forward_secrecy_and_without_sha_1_are_accepted(
+    suites: str, works: bool, tmp_path: Path, certificate: tuple[WebConfig, ssl.SSLContext]
+) -> None:
+    web, _ = certificate
+    async with serving(WebAppHarness(tmp_path / "state", web=web), web) as text:
+        client = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        client.check_hostname, client.verify_mode = False, ssl.CERT_NONE
+        client.maximum_version = ssl.TLSVersion.TLSv1_2
+        client.set_ciphers(f"{suites}:@SECLEVEL=0")
+        try:
+            _, writer = await asyncio.open_connection(*where(text[0]), ssl=client)
+        except (ssl.SSLError, ConnectionError):
+            assert not works
+        else:
+            assert works
+            writer.close()
+
+
 async def raw_response(host: str, port: int, request: bytes) -> bytes:
     """Return the bytes that a raw connection gets until it is closed or reset."""
     reader, writer = await asyncio.open_connection(host, port)

@@ -17,7 +17,7 @@ _PEM_CERTIFICATE = re.compile(r"-----BEGIN CERTIFICATE-----.+?-----END CERTIFICA
 _CONTEXT_VERSION, _UTC_TIME, _GENERALIZED_TIME = 0xA0, 0x17, 0x18
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CertificateState:
     """State of the certificate of one gateway."""
 
@@ -55,7 +55,14 @@ def certificate_states(config: PlantConfig) -> Iterator[CertificateState]:
                 (start, until), mode = validity(files), files.key.stat().st_mode & 0o777
             except (OSError, ValueError):
                 continue
-            yield CertificateState(gateway.id, files.certificate, start, until, files.key, mode)
+            yield CertificateState(
+                gateway=gateway.id,
+                certificate=files.certificate,
+                valid_from=start,
+                valid_until=until,
+                key=files.key,
+                key_mode=mode,
+            )
 
 
 def validity(files: CertificateFiles) -> tuple[datetime, datetime]:
