@@ -221,6 +221,8 @@ def test_what_another_user_put_in_the_place_of_users_or_key_is_refused(
     with pytest.raises(ConfigurationError) as refused:
         check_plant_files(config)
     assert (refused.value.key, refused.value.params["path"]) == ("plant.foreign_owner", str(path))
+    text = refused.value.text("en")
+    assert text.index("remove it") < text.index("chown -h"), "chown would make planted users and a known key valid"
 
 
 def test_a_foreign_link_to_a_readable_file_in_the_place_of_the_key_is_no_reason_to_change_the_mode_of_that_file(
