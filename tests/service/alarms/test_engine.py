@@ -131,6 +131,24 @@ def test_a_fault_whose_word_is_read_a_moment_later_is_one_alarm_with_its_name() 
     )
 
 
+def test_a_fault_that_is_named_late_stays_one_alarm_which_gets_its_name() -> None:
+    """On a full bus the fault word came after 3 s: the same trip was two alarms, the first one "cleared"."""
+    alarms = engine()
+    found = run(alarms, (0, UNNAMED), (2, UNNAMED), (3, view(fault=OVERCURRENT)), (4, UNNAMED), (5, view()))
+    assert found == ["2 raised fault", "3 named fault", "5 cleared fault"]
+    (alarm,) = alarms.active()
+    assert (alarm.id, alarm.value, alarm.count, alarm.raised_ms) == ("a1", 4, 1, 2000)
+    assert alarm.text.en == "Fan reports a fault: Er.04 overcurrent"
+
+
+def test_a_fault_that_is_named_after_its_acknowledgement_is_to_be_acknowledged_with_its_name() -> None:
+    alarms = engine()
+    run(alarms, (0, UNNAMED), (2, UNNAMED))
+    alarms.acknowledge("a1", "ann", 2500)
+    assert run(alarms, (3, view(fault=OVERCURRENT))) == ["3 cleared fault", "3 raised fault"]
+    assert [(alarm.value, alarm.acknowledged_ms) for alarm in alarms.active()] == [(4, None)]
+
+
 def test_a_fault_word_that_is_cleared_before_the_state_is_no_other_fault() -> None:
     """After a reset the fault word was read first: the alarm cleared, and came again without a code."""
     found = run(engine(), (0, view(fault=OVERCURRENT)), (1, UNNAMED), (5, UNNAMED), (6, view()))

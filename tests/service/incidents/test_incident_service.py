@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from drivebus.capture.dbcap import CaptureHeader, read_capture
 from drivebus.drives import MemoryStore
 from drivebus.errors import NotFound
 from drivebus.serial_settings import SerialSettings
+from drivebus.service.alarms import AlarmChange
 from drivebus.service.alarms.log import AlarmLog
 from drivebus.service.api.errors import localized
 from drivebus.service.app import Service
@@ -22,6 +24,7 @@ from drivebus.service.config.load import load
 from drivebus.service.config.model import BusConfig, DriveConfig, PlantConfig
 from drivebus.service.incidents import IncidentStore
 from drivebus.service.incidents.store import MAX_NOTES
+from drivebus.service.runtime.plant import Plant, PlantListener
 from drivebus.simulator.motor import Trip
 from drivebus.simulator.port import clear_simulated_buses
 from drivebus.testing.virtual_time import run
@@ -121,6 +124,33 @@ def test_a_trip_raises_an_alarm_with_an_incident_of_the_minute_before(tmp_path: 
             assert shown["parameters"]["F9.4"]["reason"] == "drives.item_not_echoed", "not a rejection: 0 in a fault"
             (tmp_path / "x.dbcap").write_text(incident["capture"]["text"])
             assert len(read_capture(tmp_path / "x.dbcap").records) > 20
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("named_at", ["raised", "incident"], ids=["before it is saved", "afterwards"])
+def test_an_incident_has_the_name_of_a_fault_that_is_named_after_its_trip(tmp_path: Path, named_at: str) -> None:
+    """On a full bus the list of incidents had "a fault whose code is not known" for ever."""
+
+    class Naming(PlantListener):
+        def __init__(self, plant: Plant) -> None:
+            self._plant = plant
+
+        def on_alarm(self, change: AlarmChange) -> None:
+            if change.action == named_at and change.alarm.kind == "fault":
+                named = replace(change.alarm, text=Text("overheated", "过热"))
+                self._plant.alarms._alarms[named.id] = named
+                asyncio.get_running_loop().call_soon(self._plant.publish_alarms, [AlarmChange("named", named)])
+
+    async def scenario() -> None:
+        async with service_with_logs(tmp_path) as kit:
+            kit.service.plant.subscribe(Naming(kit.service.plant))
+            await trip(kit)
+            await asyncio.sleep(5)
+            (listed,) = (await kit.call("incidents.list"))["items"]
+            incident = await kit.call("incidents.get", incident=listed["id"])
+            assert [found["text"]["en"] for found in (listed, incident)] == ["overheated"] * 2
+            assert kit.drives_of_events("plant.alarm_named", text=Text("overheated", "过热")) == ["fan-1"]
 
     run(scenario())
 

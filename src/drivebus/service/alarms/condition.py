@@ -73,6 +73,13 @@ class AlarmCondition:
             self.raised, self._since = False, self._since if shows_reply else None
         return cleared, observation if self._becomes_active(observation, now) else None
 
+    def named_fault(self, view: DriveView) -> Observation | None:
+        """Return the fault of a raised alarm without a code, once the drive has named it."""
+        if not self.raised or self.setting.kind is not AlarmKind.FAULT or self.value != UNNAMED_FAULT_CODE:
+            return None
+        observation = OBSERVERS[self.setting.kind](self.setting, view)
+        return observation if self._is_other_fault(observation) else None
+
     def suppress(self) -> None:
         """Neither raise nor clear the alarm now; its delay begins again afterwards."""
         self._since = None

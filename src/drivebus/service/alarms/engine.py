@@ -152,6 +152,7 @@ class AlarmEngine:
             if suppressed and condition.setting.kind is AlarmKind.NO_RESPONSE:
                 condition.suppress()
                 continue
+            changes += self._name_fault(condition, view)
             cleared, raised = condition.evaluate(view, now)
             if cleared:
                 changes += self._clear(condition.key, now_ms)
@@ -167,6 +168,22 @@ class AlarmEngine:
                 )
                 changes += self._raise(alarm)
         return changes
+
+    def _name_fault(self, condition: AlarmCondition, view: DriveView) -> list[AlarmChange]:
+        """Name the fault in its alarm once its code is read, which takes seconds on a full bus: it is still one trip.
+
+        An acknowledged alarm is not changed: its successor has the name, and is to be acknowledged.
+        """
+        named = condition.named_fault(view)
+        id = self._uncleared.get(condition.key)
+        if named is None or id is None or self._alarms[id].acknowledged_ms is not None:
+            return []
+        condition.value = named.value
+        alarm = configured_alarm(
+            id, condition.setting, drive=view.id, name=self._titles[view.id], observation=named, now_ms=0
+        )
+        texts = {"title": alarm.title, "text": alarm.text, "remedy": alarm.remedy}
+        return [self._update("named", self._alarms[id], value=named.value, **texts)]
 
     def expire_shelves(self, now: float) -> list[AlarmChange]:
         """Unshelve alarms whose time has ended; call it about once a second."""

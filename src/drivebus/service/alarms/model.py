@@ -195,7 +195,9 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True)
 class AlarmChange:
-    """Change of an alarm: ``raised``, ``cleared``, ``acknowledged``, ``shelved``, ``unshelved`` or ``incident``."""
+    """Change of an alarm: ``raised``, ``named`` (its fault now has a code), ``cleared``, ``acknowledged``, ``shelved``,
+    ``unshelved`` or ``incident``.
+    """
 
     action: str
     alarm: Alarm

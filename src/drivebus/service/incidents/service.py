@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Coroutine, Mapping, Sequence
+from typing import Any
 
 from drivebus.bus.trace import TraceEvent
+from drivebus.errors import NotFound
 from drivebus.service.alarms import Alarm, AlarmChange
 from drivebus.service.api.frames import frame_json
 from drivebus.service.api.handlers import handles
@@ -48,7 +50,9 @@ class IncidentService(PlantListener):
     def on_alarm(self, change: AlarmChange) -> None:
         """Record an incident of a new trip once the current step is over, so that the trip itself is in it."""
         if change.action == "raised" and change.alarm.kind in TRIP_ALARM_KINDS:
-            asyncio.get_running_loop().call_soon(self._start_incident, change.alarm)
+            asyncio.get_running_loop().call_soon(self._start, self._record_incident, change.alarm)
+        elif change.action == "named" and change.alarm.incident is not None:
+            self._start(self._rename_incident, change.alarm)
 
     def on_view(self, view: DriveView) -> None:
         self.recorder.record_view(view, self._plant.now())
@@ -64,8 +68,8 @@ class IncidentService(PlantListener):
 
     # --- recording --------------------------------------------------------------------------------------------------
 
-    def _start_incident(self, alarm: Alarm) -> None:
-        task = asyncio.get_running_loop().create_task(self._record_incident(alarm), name=f"incident of {alarm.id}")
+    def _start(self, act: Callable[[Alarm], Coroutine[Any, Any, None]], alarm: Alarm) -> None:
+        task = asyncio.get_running_loop().create_task(act(alarm), name=f"incident of {alarm.id}")
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
@@ -80,6 +84,17 @@ class IncidentService(PlantListener):
         incident = await asyncio.shield(recording)
         if incident is not None:
             plant.publish_alarms(plant.alarms.attach_incident(alarm.id, incident))
+            named = plant.alarms.find(alarm.id)
+            if named is not None and named.id == alarm.id and named.text != alarm.text:  # named while it was saved
+                await self._rename_incident(named)
+
+    async def _rename_incident(self, alarm: Alarm) -> None:
+        """Give an incident the texts of its alarm, whose fault is named now."""
+        assert alarm.incident is not None
+        try:
+            await asyncio.to_thread(self._store.rename, alarm.incident, alarm.as_json())
+        except (OSError, NotFound) as error:
+            self.recorder.report_failure(alarm.drive, error)
 
     async def _bus_snapshot(self, drive: str) -> BusSnapshot | None:
         """Return the newest frames of the drive's bus. They are decoded in turns: stops are likely after a trip."""

@@ -32,6 +32,8 @@ SUMMARY_FILE: Final = "summary.json"
 PARAMETERS_FILE: Final = "parameters.json"
 CAPTURE_FILE: Final = "frames.dbcap"
 NOTES_FILE: Final = "notes.json"
+ALARM_TEXTS: Final = ("title", "text")
+"""Texts of an incident that its alarm may change later."""
 MAX_NOTES: Final = 100
 """Notes of one incident."""
 WireFrames = Sequence[tuple[float, bool, bytes]]
@@ -69,6 +71,14 @@ class IncidentStore:
         """Add parameters read from the drive afterwards. Raises NotFound, OSError."""
         atomic_write_private(self._path(id) / PARAMETERS_FILE, _encode(dict(parameters)))
 
+    def rename(self, id: str, alarm: Json) -> None:
+        """Replace title and text of an incident by those of its alarm. Raises NotFound, OSError."""
+        with self._lock:
+            path = self._path(id) / SUMMARY_FILE
+            summary = _read_json(path)
+            if summary is not None:
+                atomic_write_private(path, _encode(summary | {name: alarm[name] for name in ALARM_TEXTS}))
+
     def add_note(self, id: str, note: Json) -> list[Json]:
         """Add a note and return all, oldest first; beyond ``MAX_NOTES`` the oldest is dropped.
 
@@ -92,7 +102,10 @@ class IncidentStore:
         incident = _read_json(path / INCIDENT_FILE)
         if incident is None or not _is_summary(incident):
             raise ServiceError("alarms.incident_damaged", incident=id, file=str(path / INCIDENT_FILE))
-        return incident | {
+        summary = _read_json(path / SUMMARY_FILE) or incident
+        return {
+            **incident,
+            **{name: summary[name] for name in ALARM_TEXTS if name in summary},
             "parameters": _read_json(path / PARAMETERS_FILE),
             "notes": _read_notes(path / NOTES_FILE),
             **_read_capture(path / CAPTURE_FILE, f"{id}.dbcap"),
