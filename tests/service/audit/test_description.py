@@ -178,10 +178,14 @@ def outcome_text(item: dict[str, Any]) -> Any:
 def test_the_error_of_a_drive_in_a_group_does_not_name_the_group_as_the_drive() -> None:
     """A record of several drives does not say which one its error is of."""
     lost = "the control lease of the group start was lost"
-    assert outcome_text(record("drive.run", "fan-3", outcome="plant.lease_gone")) == f"fan-3 is not started: {lost}"
+    assert (
+        outcome_text(record("drive.run", "fan-3", outcome="plant.lease_gone")) == f"no start is sent to fan-3: {lost}"
+    )
     unnamed = "not done (plant.lease_gone)"
     assert outcome_text(record("group.start", "air", group="air", outcome="plant.lease_gone")) == unnamed
     assert outcome_text(record("plant.stop", "", outcome="plant.lease_gone")) == unnamed
+    pulled = described(record("group.start", "air", group="air", outcome="drives.start_not_sent_port"))["outcome_text"]
+    assert pulled == {"en": "no start was sent", "zh": "未发送启动命令"}, "each drive may have a reason of its own"
     follower = record("drive.run", "fan-3", drive="fan-3", outcome="confirmed, plant.lease_gone")
     assert outcome_text(follower) == f"Confirmed; {unnamed}"
 

@@ -31,6 +31,8 @@ OTHER_OUTCOMES = frozenset({"counted", "decelerating", "unchanged", *map(str, Co
 SINGLE_VALUES = ("minimum_hz", "maximum_hz", "minutes", "role", "records", "octets")
 """Parameters with a sentence ``audit.detail.<name>`` of their value alone."""
 _PLACEHOLDER = re.compile(r"\{\w+\}")
+_LAST_CLAUSE = re.compile(r"(: |：)\{\w+\}$")
+"""Reason at the end of the sentence of an outcome: the record of a group has none, as each drive may have its own."""
 
 
 def titles_of(config: PlantConfig) -> Titles:
@@ -204,6 +206,7 @@ def _outcome_part(code: str, params: Mapping[str, Any]) -> Text:
     if not i18n.known(code):
         return Text(code, code)
     text, general = bilingual_text(code, **params), _key("audit.outcome_", code)
+    text = Text(_LAST_CLAUSE.sub("", text.en), _LAST_CLAUSE.sub("", text.zh))
     if not _PLACEHOLDER.search(text.en):
         return text
     return bilingual_text(general) if i18n.known(general) else bilingual_text("page.outcome_error", code=code)
