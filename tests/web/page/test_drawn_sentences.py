@@ -234,6 +234,15 @@ def test_a_group_with_a_tripped_drive_names_it_before_its_start_is_pressed(
     assert shown(text, ["page.group_start_blocked"], n=1, of=3)
 
 
+@pytest.mark.parametrize("offline", [2, 3])
+def test_a_group_of_offline_drives_offers_no_start_and_says_why(draw: Draw, fan: Any, offline: int) -> None:
+    """A start in two steps was offered for a bus without port, and refused for each drive after it."""
+    presences = {f"fan-{n}": "offline" if n < offline else "online" for n in range(3)}
+    topics = group_topics(fan | ONLINE_AND_STOPPED, presences, "presence")
+    text = draw("fleet/group-panel", "GroupPanel", {"id": "air"}, topics=topics)
+    assert bool(shown(text, ["page.group_not_online"])) is (offline == 3)
+
+
 def test_the_offline_drives_of_a_group_are_counted(draw: Draw, fan: Any) -> None:
     keys = ["page.group_stopped", "page.group_offline"]
     for offline in (0, 2, 3):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import Any
 
 import pytest
@@ -425,6 +426,14 @@ def test_a_group_at_rest_says_how_many_of_its_drives_are_tripped(stage: Stage, v
     expect(head.locator(".state.alarm")).to_have_count(0)
     trip(stage, "fan-3")
     expect(head.locator(".state.alarm")).to_have_text(i18n.text("page.group_tripped", language, n=1, of=3))
+
+
+@pytest.mark.parametrize("key", ["member_fault", "stopped_meanwhile", "lease_gone", "waiver_needed_tested"])
+def test_a_sentence_that_may_name_several_drives_has_no_verb_in_the_singular(key: str) -> None:
+    """The panel of a group had "motor 3, motor 7 in group Spinning reports a fault: reset it first"."""
+    text = i18n.text(f"plant.{key}", "en", drive="d3, d7", group="air", why="why")
+    assert "d3, d7" in text
+    assert not re.search(r"d7( in group air)? (is|was|has|reports|keeps)\b|\bit\b first", text)
 
 
 def test_stations_of_a_large_group_are_counted(scripts: Any) -> None:

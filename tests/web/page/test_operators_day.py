@@ -183,6 +183,17 @@ def test_the_outcome_of_a_group_start_ends_with_the_stop_of_the_group(stage: Sta
     outcome.wait_for(state="detached")
 
 
+def test_a_drive_that_has_tripped_since_a_group_start_is_not_reported_as_running(stage: Stage, visit: Any) -> None:
+    """Beside "2 of 30 tripped" stood the names of both: "Confirmed: the drive reports running"."""
+    page = arm_group(stage, visit, "water", "pump-1", "pump-2")
+    page.click("[data-step=second]")
+    outcome = page.locator(".grouppanel .notice", has_text=i18n.text("page.outcome_confirmed", "en"))
+    expecting()(outcome).to_contain_text(i18n.text("page.all_drives", "en", n=2))
+    stage.station("pump-1", lambda drive: drive.trip(Trip.OVERHEAT))
+    expecting()(outcome).not_to_contain_text(i18n.text("page.all_drives", "en", n=2))
+    expecting()(outcome.locator("li")).to_have_text(re.compile("^Feed pump: "))
+
+
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_the_start_of_a_group_with_a_blocked_drive_is_disabled_with_its_reason(
     stage: Stage, visit: Any, language: str

@@ -39,6 +39,18 @@ def test_an_idle_page_can_stop_and_its_password_unlocks_it(stage: Stage, visit: 
     page.wait_for_selector(".lease.own")
 
 
+def test_an_idle_page_of_the_audit_trail_asks_for_the_password(stage: Stage, visit: Any) -> None:
+    """The page denied that the account has a right to see the trail."""
+    page = visit("#/audit")
+    page.locator(".entry").first.wait_for()
+    fall_idle(stage, "engineer")
+    page.reload()
+    page.locator("main .notice", has_text=i18n.text("page.idle", "en")).wait_for()
+    page.fill("[data-do=unlock] input[type=password]", PASSWORD)
+    page.click("[data-do=unlock] button[type=submit]")
+    page.locator(".entry").first.wait_for()
+
+
 def test_a_request_of_before_the_unlocking_that_is_refused_after_it_does_not_log_out(stage: Stage, visit: Any) -> None:
     """Regression: unlocking replaces the cookie, and a request with the old one was still on its way."""
     page = visit("#/drive/fan-1", role="operator")

@@ -2,7 +2,7 @@
 import { html, useEffect, useState } from "../lib.js";
 import { localized, t, titleOf } from "../i18n.js";
 import { api, groupPath } from "../api.js";
-import { TURNING_STATES } from "../drive-states.js";
+import { OFF_STATES, TURNING_STATES } from "../drive-states.js";
 import { number, numberOf } from "../format.js";
 import { isLive } from "../live.js";
 import { hasControl, takeControl } from "../control/leases.js";
@@ -23,16 +23,20 @@ const GROUP_TIMEOUT_MS = 300_000;
 const Merged = ({ ids, names, text, isNamed }) => html`<li title=${ids.map(driveTitle).join(t("language.between_items"))}>${!isNamed && html`<b>
   ${names}</b>${t("page.colon")}`}${withCommands(text)}</li>`;
 
-/** Outcome of each drive of a group; equal ones are one. */
-function Outcomes({ outcomes }) {
-  const entries = Object.entries(outcomes);
+/** Outcome of each drive of a group; equal ones are one. Without `entries` of drives that have stopped since. */
+function Outcomes({ outcomes, entries = Object.entries(outcomes) }) {
   const ended = mergeSentences(entries.filter(([, outcome]) => outcome.status).map(([id, outcome]) => ({
-    id, key: outcome.status + localized(outcome.text), text: outcome.text }))).map((merged) => ({
+    id, key: outcome.status + localized(outcome.text), text: outcome.text })), Object.keys(outcomes).length).map((merged) => ({
     ...merged, text: t(`page.outcome_${outcomes[merged.ids[0]].status}`) + t("page.colon") + merged.text }));
   const refused = mergeSentences(entries.filter(([, outcome]) => outcome.code).map(([id, outcome]) => ({ ...outcome, id, key: outcome.code })));
+  if (entries.length === 0) return null;
   return html`<${Notice} live><ul>${[...ended, ...refused].map((merged) => html`<${Merged} key=${merged.ids[0]} ...${merged} />`)}
     </ul><//>`;
 }
+
+/** Outcomes of a start without those that a later trip or stop has made untrue: "the drive reports running". */
+const stillTrue = (outcomes) => Object.entries(outcomes).filter(([id, outcome]) => (
+  outcome.status !== "confirmed" || !OFF_STATES.includes(drive(id).value?.state)));
 
 /** Button of an action on several drives, one after the other. */
 function ActionForAll({ views, act, text, ...rest }) {
@@ -83,9 +87,11 @@ function Controls({ id, views }) {
   const off = !isLive.value || others > 0 || frequencyError(hertz, found) !== null;
   const blockers = views.flatMap((view) => blockersOf(view, found));
   const blockedCount = new Set(blockers.map((blocker) => blocker.id)).size;
+  const silentCount = views.filter(({ presence }) => presence !== "online").length;
+  const isSilent = silentCount === views.length;
   const leader = views.find((view) => view.id === found.leader);
   // Without its leader's frequency no drive of a group gets one.
-  const cannotSet = off || (leader ? refusesFrequency(leader) : views.every(refusesFrequency));
+  const cannotSet = off || isSilent || (leader ? refusesFrequency(leader) : views.every(refusesFrequency));
   const turning = views.some((view) => TURNING_STATES.includes(view.state));
   useEffect(() => { if (!turning) setStarted(null); }, [turning]); // at rest the outcome of a start is outdated
   const frequency_hz = numberOf(hertz);
@@ -101,14 +107,14 @@ function Controls({ id, views }) {
     <div class="row"><${Frequency} label=${t("page.group_frequency")} value=${hertz} onChange=${setHertz}
       limits=${found} onEnter=${() => !cannotSet && !busy && set()} disabled=${!isLive.value} />
       <${Button} disabled=${cannotSet} busy=${busy} onClick=${set}>${t("page.set_frequency")}<//></div>
-    <${ArmStart} disabled=${off || blockedCount > 0}
-      why=${blockedCount > 0 && t("page.group_start_blocked", { n: blockedCount, of: views.length })}
+    <${ArmStart} disabled=${off || isSilent || blockedCount > 0}
+      why=${isSilent ? t("page.group_not_online") : blockedCount > 0 && t("page.group_start_blocked", { n: blockedCount, of: views.length })}
       first=${t("page.group_start")} second=${t("page.run_now")} title=${t("page.step_two_group")} onDone=${setStarted}
       arm=${() => send("/arm", {})} act=${(arm_token) => send("/start", { frequency_hz, arm_token })}>
-      <p>${t("page.group_ask", { name: titleOf(group(id).value), n: views.length, hz: number(frequency_hz, "Hz") })}</p><p>${t("page.run_watch")}</p>
+      <p>${t("page.group_ask", { name: titleOf(group(id).value), n: views.length, hz: number(frequency_hz, "Hz") })}</p>${silentCount > 0 && html`<p>${t("page.group_ask_silent", { n: silentCount })}</p>`}<p>${t("page.run_watch")}</p>
         <//>
     <${ErrorNote} error=${error} />${result?.outcomes && html`<${Outcomes} outcomes=${result.outcomes} />`}
-    ${started?.outcomes && html`<${Outcomes} outcomes=${started.outcomes} />`}</div>`;
+    ${started?.outcomes && html`<${Outcomes} outcomes=${started.outcomes} entries=${stillTrue(started.outcomes)} />`}</div>`;
 }
 
 export function GroupPanel({ id }) {

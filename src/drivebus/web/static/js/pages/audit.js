@@ -3,7 +3,7 @@ import { html, useMemo, useState } from "../lib.js";
 import { localized, t } from "../i18n.js";
 import { api } from "../api.js";
 import { NO_VALUE, moment } from "../format.js";
-import { may } from "../session.js";
+import { idle, may } from "../session.js";
 import { loadStylesheet } from "../stylesheet.js";
 import { SearchField } from "../search.js";
 import { Button, ErrorNote, Notice, useRequest } from "../ui.js";
@@ -13,7 +13,7 @@ import { TimeRange, timeRangeQuery } from "../time-range.js";
 await loadStylesheet("pages");
 
 export function Page() {
-  if (!may("audit")) return html`<h1>${t("page.nav_audit")}</h1><${Notice} kind="warning">${t("page.no_right")}<//>`;
+  if (!may("audit")) return html`<h1>${t("page.nav_audit")}</h1><${Notice} kind="warning">${t(idle.value ? "page.idle" : "page.no_right")}<//>`;
   return html`<h1>${t("page.nav_audit")}</h1><${Verify} /><${Trail} />`;
 }
 
