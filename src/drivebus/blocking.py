@@ -340,9 +340,6 @@ class Drive:
         """Frames of the stops under way, so far."""
         return self.drive.stop_exchanges
 
-    def stop_concurrently(self, drive_count: int) -> Outcome:
-        return self._bus.run(self.drive.stop_concurrently(drive_count))
-
     @property
     def limits(self) -> DriveLimits:
         """Limits of the user; a change applies from the next command on."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import inf
@@ -543,17 +544,22 @@ def progress_of(
     transaction_s: float = inf,
     slowed_at: float | None = None,
     deceleration_s: float | None = None,
-    drive_count: int = 1,
+    others: Sequence[tuple[str, int]] = (),
 ) -> tuple[Any, StopProgress]:
-    """Return an operation with this evidence, and the progress of its stop that began at 100 s."""
+    """Return an operation with this evidence, and the progress of its stop that began at 100 s.
+
+    ``others``: models and addresses of drives of the bus that are stopped with it.
+    """
     op: Any = SimpleNamespace(
         age=SimpleNamespace(fastest_transaction_s=transaction_s),
         drive=SimpleNamespace(deceleration_s=deceleration_s),
         dialect=create_dialect(profiles.load("c320"), 1),
         derived=DerivedState(DriveState.RUNNING),
         last_deceleration_at=slowed_at,
+        sent_count=1,
     )
-    return op, StopProgress(op, 100.0, drive_count)
+    at_once = (op, *(operation_for(create_dialect(profiles.load(model), address)) for model, address in others))
+    return op, StopProgress(op, 100.0, at_once=at_once)
 
 
 @pytest.mark.parametrize(
@@ -562,7 +568,7 @@ def progress_of(
         ({}, 102.0),
         ({"transaction_s": 0.01}, 102.0),
         ({"transaction_s": 0.5}, 108.0),
-        ({"transaction_s": 0.05, "drive_count": 4}, 103.2),
+        ({"transaction_s": 0.05, "others": [("c320", 2), ("dzb100", 3), ("df800", 4), ("c320", 2)]}, 103.2),
         ({"slowed_at": 110.0}, 112.0),
         ({"slowed_at": 110.0, "transaction_s": 0.5}, 118.0),
         ({"slowed_at": 300.0}, 220.0),
@@ -630,6 +636,18 @@ def test_a_lower_reading_is_progress_once() -> None:
     op, progress = progress_of()
     op.last_deceleration_at = 103.0
     assert progress.update(104.0) is True and progress.update(105.0) is False
+
+
+def test_of_several_stops_one_is_reported_when_it_had_its_transactions_and_2_s_since_the_last_deceleration() -> None:
+    op, progress = progress_of(transaction_s=0.5, others=[("c320", 2)])
+    op.sent_count = 16
+    assert progress.deadline == 116.0 and not progress.is_over(101.9) and progress.is_over(102.1)
+    op.sent_count, op.last_deceleration_at = 20, 104.0
+    progress.update(104.5)
+    op.sent_count = 35
+    assert not progress.is_over(110.0)
+    op.sent_count = 36
+    assert progress.is_over(110.0)
 
 
 @pytest.mark.parametrize(("readings", "decelerated_until"), [((3000, 1000, 0), 1.0), ((3000, 0), 0.5)])

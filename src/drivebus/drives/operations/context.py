@@ -61,6 +61,7 @@ class OperationContext:
         self.has_sent_preparation = False  # the unlock and the words before every start were sent
         self.read_priority = RequestPriority.PARAMETER  # of requests without a given one; STOP_READ during a stop
         self.waits_in_quarantine = True  # False: a read that a quarantine of 5 s would delay fails
+        self.sent_count = 0  # transactions whose frame was sent
         self.lost_replies = 0  # frames without a valid reply; a retry by the bus counts as a frame of its own
         self.stops_sent = 0  # stops that were given to the port
         self.first_frame: Any = None  # of a stop, the same for each that it serves; None: it serves this one alone
@@ -131,6 +132,7 @@ class OperationContext:
             executed = bool(result.sent) and not is_refused
             self.last_motion_result, self.may_be_running = result, was_running or executed
         if result.sent:
+            self.sent_count += 1
             self.dialect.on_sent(request)
             if result.reply is not None and self._rejection(result) is None:
                 self.dialect.on_accepted(request)

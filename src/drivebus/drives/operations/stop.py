@@ -7,7 +7,7 @@ another one (``DriveProfile.needs_model_check``).
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from math import inf, isfinite
 from typing import Any
@@ -37,20 +37,20 @@ class StopProgress:
         self,
         op: OperationContext,
         started_at: float,
-        drive_count: int = 1,
         concurrent: Collection[OperationContext] = (),
+        at_once: Collection[OperationContext] = (),
     ) -> None:
-        """``drive_count``: number of drives that are stopped at once and read in turns.
+        """``concurrent``: all stops of this drive that are under way, this one among them.
 
-        ``concurrent``: all stops of this drive that are under way, this one among them.
+        ``at_once``: those of all drives of the bus that are stopped together and read in turns.
         """
-        self._op, self._started_at, self._drive_count = op, started_at, drive_count
-        self._concurrent = concurrent
+        self._op, self._started_at, self._concurrent, self._at_once = op, started_at, concurrent, at_once
         self._transactions = timeout_transactions(op.dialect)
-        self._most_first_frames = 1  # of concurrent stops so far: the end of one does not shorten the deadline
-        self._fastest_transaction_s = inf  # of this stop and the concurrent ones; inf: none has a reply yet
+        self._most_drives = self._most_first_frames = 1  # so far: the end of a stop does not shorten the deadline
+        self._fastest_transaction_s = inf  # of this drive's stops; inf: none has a reply yet
         self._deceleration_reported_at = started_at  # by the state of the drive; ``op`` has that by its frequency
         self._progress_at_last_update = started_at
+        self._sent_before_progress = 0  # of its transactions
 
     @property
     def _last_progress_at(self) -> float:
@@ -63,16 +63,28 @@ class StopProgress:
         if derived.state in (DriveState.DECELERATING, DriveState.BRAKING) and not derived.by_frequency:
             self._deceleration_reported_at = now
         before, self._progress_at_last_update = self._progress_at_last_update, self._last_progress_at
-        return self._progress_at_last_update > before
+        has_decelerated = self._progress_at_last_update > before
+        if has_decelerated:
+            self._sent_before_progress = self._op.sent_count
+        return has_decelerated
+
+    def is_over(self, now: float) -> bool:
+        """Return whether the stop is reported as unconfirmed: at its deadline, or once it had all its transactions."""
+        if now > self.deadline:
+            return True
+        had_turns = self._op.sent_count - self._sent_before_progress >= self._required_transactions()
+        return had_turns and now > self._deadline_after(STOP_PROGRESS_TIMEOUT_S)
 
     @property
     def deadline(self) -> float:
-        """Time at which the stop is reported as unconfirmed.
+        """Time at which the stop is reported as unconfirmed, whatever goes before its reads."""
+        return self._deadline_after(max(STOP_PROGRESS_TIMEOUT_S, self._verification_s()))
 
-        A timeout counts from the last sign of deceleration. The drive's ramp, where it was read, always has its time;
-        beyond that ramp or 120 s no deceleration counts.
+    def _deadline_after(self, timeout_s: float) -> float:
+        """Return the end of a timeout from the last sign of deceleration.
+
+        The drive's ramp, where it was read, always has its time; beyond that ramp or 120 s no deceleration counts.
         """
-        timeout_s = max(STOP_PROGRESS_TIMEOUT_S, self._verification_s())
         ramp_end = self._started_at + STOP_PROGRESS_TIMEOUT_S + (self._op.drive.deceleration_s or 0.0)
         latest = max(self._started_at + MAX_DECELERATION_S, ramp_end)
         return min(max(self._last_progress_at + timeout_s, ramp_end), latest)
@@ -84,14 +96,23 @@ class StopProgress:
         A drive that does not report standstill is not read, so that its stop waits for none of them.
         """
         if self._op.dialect.reports_run_state:
+            self._most_drives = max(self._most_drives, len({op.dialect.address for op in self._at_once}))
             first_frames = len({op.first_frame or op for op in self._concurrent})
             self._most_first_frames = max(self._most_first_frames, min(first_frames, MAX_FIRST_FRAMES))
-        self._fastest_transaction_s = min(
-            self._fastest_transaction_s, *(op.age.fastest_transaction_s for op in (self._op, *self._concurrent))
-        )
-        transactions = self._transactions + 2 * (self._most_first_frames - 1)
-        seconds = transactions * self._drive_count * self._fastest_transaction_s
+        self._fastest_transaction_s = _fastest_transaction_s(self._fastest_transaction_s, (self._op, *self._concurrent))
+        fastest_s = self._fastest_transaction_s
+        if not self._op.sent_count:  # afterwards those of other drives no longer count: this one may be silent
+            fastest_s = _fastest_transaction_s(fastest_s, self._at_once)
+        seconds = self._required_transactions() * self._most_drives * fastest_s
         return seconds if isfinite(seconds) else 0.0
+
+    def _required_transactions(self) -> int:
+        """Return the number of transactions that a stop has at least, with those of concurrent stops of its drive."""
+        return self._transactions + 2 * (self._most_first_frames - 1)
+
+
+def _fastest_transaction_s(known_s: float, stops: Iterable[OperationContext]) -> float:
+    return min([known_s, *(op.age.fastest_transaction_s for op in stops)])
 
 
 def timeout_transactions(dialect: Dialect) -> int:
@@ -224,7 +245,7 @@ def _until_confirmed(
         if op.derived.state.output_off and _is_stop_confirmed(op):
             return _stopped_outcome(op)
         slowing = progress.update(now)
-        if now > progress.deadline:
+        if progress.is_over(now):
             return unconfirmed_outcome(op)
         if not slowing or now - last_sent_at >= STOP_RESEND_INTERVAL_S:
             yield from send_stop(op, mode)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from collections import Counter
-from collections.abc import Coroutine, Iterable, Mapping, Sequence
-from typing import Any
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 
+from drivebus.bus import Bus
 from drivebus.drives import stop_bus
 from drivebus.drives.bus_stop import StopReport
 from drivebus.drives.outcome import Outcome
 from drivebus.drives.state import DriveState
+from drivebus.drives.stop_supervisor import StopsAtOnce
 from drivebus.errors import DrivebusError
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.command_records import record_or_queue
@@ -102,20 +103,13 @@ class StopCommands(PlantListener):
         """Stop drives at once; return the outcome or error of each."""
         stopped = list(runtimes)
         self.plant.record_stop_request(*stopped, by=actor.name, kind="group")
-        stops = self._stops_of(stopped, actor)
-        answers = await asyncio.gather(*stops.values())
-        return {runtime.id: answer for runtime, answer in zip(stops, answers, strict=True)}
+        at_once: defaultdict[Bus, StopsAtOnce] = defaultdict(StopsAtOnce)
+        answers = await asyncio.gather(*(self._stop_one(runtime, actor, at_once[runtime.bus]) for runtime in stopped))
+        return {runtime.id: answer for runtime, answer in zip(stopped, answers, strict=True)}
 
-    def _stops_of(
-        self, runtimes: Sequence[DriveRuntime], actor: Actor
-    ) -> dict[DriveRuntime, Coroutine[Any, Any, Json]]:
-        """Return the stop of each drive, with the number of these drives on its bus, which are read in turns."""
-        on_bus = Counter(runtime.drive.bus for runtime in runtimes)
-        return {runtime: self._stop_one(runtime, actor, on_bus[runtime.drive.bus]) for runtime in runtimes}
-
-    async def _stop_one(self, runtime: DriveRuntime, actor: Actor, concurrent: int) -> Json:
+    async def _stop_one(self, runtime: DriveRuntime, actor: Actor, at_once: StopsAtOnce) -> Json:
         try:
-            outcome = await self.commands.finish_stop(runtime, runtime.drive.stop_concurrently(concurrent))
+            outcome = await self.commands.finish_stop(runtime, runtime.drive.stop(at_once=at_once))
         except DrivebusError as error:
             return error_to_json(error)
         answer: Json = self.commands.publish_outcome(runtime, "stop", outcome, actor)["outcome"]
@@ -136,13 +130,17 @@ class StopCommands(PlantListener):
         """
         plant, actor = self.plant, self.service_actor
         timeout_at = plant.now() + SERVICE_STOP_TIMEOUT_S
+        at_once: defaultdict[Bus, StopsAtOnce] = defaultdict(StopsAtOnce)
         stops: dict[DriveRuntime, asyncio.Task[Json]] = {}
         requests: dict[DriveRuntime, asyncio.Task[int | None]] = {}
         while plant.now() < timeout_at:
             others = [runtime for runtime in plant.drives.values() if runtime not in stops]
             started = [runtime for runtime in others if _stops_with_service(runtime)]
             plant.record_stop_request(*started, by=actor.name, kind="service")
-            stops |= {runtime: asyncio.create_task(stop) for runtime, stop in self._stops_of(started, actor).items()}
+            stops |= {
+                runtime: asyncio.create_task(self._stop_one(runtime, actor, at_once[runtime.bus]))
+                for runtime in started
+            }
             # These tasks begin after those of the stops, whose first frames are queued then.
             requests |= {runtime: asyncio.create_task(self._record_request(runtime)) for runtime in started}
             awaited = any(other.awaits_first_read or other.drive.stopping for other in others)
