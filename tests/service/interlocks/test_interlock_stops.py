@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 
 from drivebus.errors import Interlocked
 from drivebus.service.alarms import SystemAlarm
-from drivebus.service.config.model import InterlockAction, InterlockConfig
+from drivebus.service.config.model import BusConfig, DriveConfig, InterlockAction, InterlockConfig, PlantConfig
 from drivebus.simulator.motor import OutputPhase
 from drivebus.testing.virtual_time import run
 from drivebus.values import Quality, Text
@@ -226,5 +227,75 @@ def test_a_drive_at_rest_whose_status_fails_does_not_keep_an_interlock_from_stop
                 kit.station("fan-1").motor.stop()
                 await asyncio.sleep(8)
                 assert kit.station("pump-2").motor.phase is OutputPhase.OFF
+
+    run(scenario())
+
+
+def full_bus_config(model: str, count: int) -> PlantConfig:
+    """Return a plant whose pumps, all on one bus, require that the fan on another runs."""
+    pumps = tuple(
+        DriveConfig(id=f"pump-{number}", bus="b", address=number, model=model) for number in range(1, count + 1)
+    )
+    fan = DriveConfig(id="fan-1", bus="a", address=1, model="c320")
+    buses = (
+        BusConfig(id="a", port="sim://c320@1?ramp=1"),
+        BusConfig(id="b", port=f"sim://{model}@1-{count}?ramp=1"),
+    )
+    air = InterlockConfig(id="air", drives=tuple(pump.id for pump in pumps), require="fan-1.state == running")
+    return plant_config(buses=buses, drives=(fan, *pumps), interlocks=(air,))
+
+
+async def run_at_keypads(kit: Any) -> None:
+    """Start the fan and then every pump, and wait until each was read."""
+    await asyncio.sleep(20)
+    kit.station("fan-1").motor.run(20.0)
+    await asyncio.sleep(8)
+    for id in kit.service.plant.drives:
+        if id != "fan-1":
+            kit.station(id).motor.run(20.0)
+    await asyncio.sleep(16)
+
+
+@pytest.mark.parametrize(("model", "count"), [("c320", 12), ("vc660", 20), ("md500_plus", 12), ("dzb100", 12)])
+def test_an_interlock_that_stops_all_drives_of_a_bus_raises_no_alarm_of_an_unconfirmed_stop(
+    model: str, count: int
+) -> None:
+    """Each had the time of one drive, although all are read in turns: every one of eight C320 was reported."""
+
+    async def scenario() -> None:
+        async with running_service(full_bus_config(model, count)) as kit:
+            await run_at_keypads(kit)
+            kit.station("fan-1").motor.stop()
+            await asyncio.sleep(25)
+            raised = Counter(alarm.kind for alarm in kit.service.plant.alarms.active())
+            assert raised == {SystemAlarm.INTERLOCK_TRIP: count}
+
+    run(scenario())
+
+
+def test_an_interlock_stops_a_drive_of_which_only_the_last_known_state_shows_that_it_turns() -> None:
+    """Started at its keypad, it was stopped when its turn to be read came again, after the reads of all other stops."""
+
+    async def scenario() -> None:
+        async with running_service(full_bus_config("dzb100", 12)) as kit:
+            await run_at_keypads(kit)
+            drives = kit.service.plant.drives
+            assert any(drive.state_is_unknown for drive in drives.values()), "the bus is too full to know every state"
+            kit.station("fan-1").motor.stop()
+            await asyncio.sleep(3)
+            assert not any(kit.station(id).motor.energised for id in drives)
+
+    run(scenario())
+
+
+def test_an_interlock_sends_no_stop_to_a_drive_that_stood_when_its_state_was_known_last() -> None:
+    async def scenario() -> None:
+        async with running_service(plant_config(interlocks=(AIR,))) as kit:
+            await asyncio.sleep(15)
+            kit.station("pump-1").faults.silent = True
+            await asyncio.sleep(15)
+            pump = kit.service.plant.drives["pump-1"]
+            assert pump.state_is_unknown and not pump.drive.stopping
+            assert interlock_alarms(kit) == []
 
     run(scenario())

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from drivebus.drives.context import DriveLimits
@@ -223,7 +224,12 @@ class DriveCommands:
         self.plant.record_stop_request(runtime, by=actor.name, kind=kind)
         if params.assume_model:
             runtime.drive.assume_model()
-        stops = {"stop": runtime.drive.stop, "coast": runtime.drive.coast, "quick_stop": runtime.drive.quick_stop}
+        at_once = self.plant.bus_of(runtime).automatic_stops if kind == "automatic" else None
+        stops: dict[str, Callable[[], Awaitable[Outcome]]] = {
+            "stop": partial(runtime.drive.stop, at_once=at_once),
+            "coast": runtime.drive.coast,
+            "quick_stop": runtime.drive.quick_stop,
+        }
         return self.publish_outcome(runtime, "stop", await self.finish_stop(runtime, stops[params.how]()), actor)
 
     async def finish_stop(self, runtime: DriveRuntime, stop: Awaitable[Outcome]) -> Outcome:

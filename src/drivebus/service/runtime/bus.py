@@ -14,6 +14,7 @@ from drivebus.bus.load import estimate_bus_load
 from drivebus.bus.trace import TraceEvent
 from drivebus.drives.outcome import Outcome
 from drivebus.drives.state import DriveStatus
+from drivebus.drives.stop_supervisor import StopsAtOnce
 from drivebus.drives.store import Store
 from drivebus.errors import DrivebusError
 from drivebus.profiles.model import DriveProfile
@@ -60,6 +61,8 @@ class BusRuntime:
         self.drives: dict[str, DriveRuntime] = {}
         self.reads = OneAtATime()
         """Reads of parameters and identities for users: many at once would go before the reads that confirm a stop."""
+        self.automatic_stops = StopsAtOnce()
+        """Stops by interlocks and other policies, which often concern all drives of a bus."""
         self.problem: DrivebusError | None = None
         """Reason why the bus is not open."""
         self.has_opened = False

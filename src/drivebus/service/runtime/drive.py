@@ -143,6 +143,11 @@ class DriveRuntime:
         return self.runs_for_service or self.turning
 
     @property
+    def turned_last(self) -> bool:
+        """Whether its state is not known now, and its motor turned when it was known last."""
+        return self.state_is_unknown and self.last_known_turning
+
+    @property
     def turning(self) -> bool:
         """Whether its motor turns; where its status can't be made, whether it turned when its state was known last."""
         return self._turns_by(self.status_or_none())
