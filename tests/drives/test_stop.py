@@ -568,7 +568,7 @@ def progress_of(
         ({}, 102.0),
         ({"transaction_s": 0.01}, 102.0),
         ({"transaction_s": 0.5}, 108.0),
-        ({"transaction_s": 0.05, "others": [("c320", 2), ("dzb100", 3), ("df800", 4), ("c320", 2)]}, 103.2),
+        ({"transaction_s": 0.05, "others": [("c320", 2), ("dzb100", 3), ("df800", 4), ("c320", 2)]}, 104.8),
         ({"slowed_at": 110.0}, 112.0),
         ({"slowed_at": 110.0, "transaction_s": 0.5}, 118.0),
         ({"slowed_at": 300.0}, 220.0),
@@ -641,7 +641,7 @@ def test_a_lower_reading_is_progress_once() -> None:
 def test_of_several_stops_one_is_reported_when_it_had_its_transactions_and_2_s_since_the_last_deceleration() -> None:
     op, progress = progress_of(transaction_s=0.5, others=[("c320", 2)])
     op.sent_count = 16
-    assert progress.deadline == 116.0 and not progress.is_over(101.9) and progress.is_over(102.1)
+    assert progress.deadline == 124.0 and not progress.is_over(101.9) and progress.is_over(102.1)
     op.sent_count, op.last_deceleration_at = 20, 104.0
     progress.update(104.5)
     op.sent_count = 35

@@ -23,6 +23,7 @@ from drivebus.values import Text, bilingual_text
 
 STOP_PROGRESS_TIMEOUT_S = 2.0  # without a sign of deceleration for this long a stop is reported as unconfirmed
 MIN_TIMEOUT_TRANSACTIONS = 16  # for each drive; most models verify two states with fewer, so that some may fail
+OTHER_TURNS = 1.5  # beside stops of several drives, polls and other reads have up to a third of the turns
 MAX_FIRST_FRAMES = 64  # of one drive's stops that prolong a deadline: further ones must not put off a report for ever
 MAX_DECELERATION_S = 120.0  # a motor whose frequency only falls must be reported; a longer ramp that was read counts
 STOP_RESEND_INTERVAL_S = 0.5  # a decelerating drive gets the stop again, in case the first was lost
@@ -103,7 +104,8 @@ class StopProgress:
         fastest_s = self._fastest_transaction_s
         if not self._op.sent_count:  # afterwards those of other drives no longer count: this one may be silent
             fastest_s = _fastest_transaction_s(fastest_s, self._at_once)
-        seconds = self._required_transactions() * self._most_drives * fastest_s
+        turns = 1.0 if self._most_drives == 1 else self._most_drives * OTHER_TURNS
+        seconds = self._required_transactions() * turns * fastest_s
         return seconds if isfinite(seconds) else 0.0
 
     def _required_transactions(self) -> int:
