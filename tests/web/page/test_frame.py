@@ -189,6 +189,8 @@ def test_a_notice_of_the_service_covers_nothing_and_its_end_moves_nothing(
         stage.service.plant.notice = None
         notice.wait_for(state="detached")
         assert page.evaluate(PLACES) == before
+        background = place.evaluate("one => getComputedStyle(one).backgroundColor")
+        assert background == "rgba(0, 0, 0, 0)", "no empty strip under the alarms"
     finally:
         stage.service.plant.notice = None
     go_to(page, "buses")

@@ -47,6 +47,36 @@ def test_many_leases_are_renewed_in_messages_that_the_server_takes(scripts: Any)
     assert evaluate(scripts, "live", "m.renewMessages([])") == []
 
 
+DELTAS_FASTER_THAN_FRAMES = """async (store) => {
+  const ids = Array.from({length: 120}, (_, n) => `slow-${n}`);
+  const topics = (n) => Object.fromEntries(ids.map((id) => [`drives/${id}`, {id, n, signals: {}}]));
+  for (let n = 1; n <= 6; n += 1) {
+    store.applyDelta({time_ms: n, topics: topics(n)});
+    await new Promise(requestAnimationFrame);
+  }
+  const found = ids.map((id) => store.drive(id).peek()?.n ?? 0);
+  store.applySnapshot({topics: {}});
+  return found;
+}"""
+
+
+def test_a_slow_screen_shows_every_drive_though_all_change_in_each_message(scripts: Any) -> None:
+    """With 120 drives the last ones were never shown, nor was their control renewed, where a frame took a message's time."""
+    found = evaluate(scripts, "store", f"({DELTAS_FASTER_THAN_FRAMES})(m)")
+    assert len(found) == 120
+    assert min(found) >= 2
+
+
+def test_control_of_a_drive_is_renewed_before_the_screen_shows_it(page: Any) -> None:
+    call = """Promise.all(['/static/js/store.js', '/static/js/session.js'].map((path) => import(path))).then(([store, session]) => {
+      const lease = {session: session.session.peek().session, owner: 'engineer'};
+      store.applyDelta({topics: {'drives/fan-1': {lease}}});
+      return [store.drive('fan-1').peek().lease, m.ownDrives()];
+    })"""
+    page.wait_for_function("() => import('/static/js/store.js').then((m) => m.drive('fan-1').peek() !== null)")
+    assert evaluate(page, "control/leases", call) == [None, ["fan-1"]]
+
+
 def test_a_feed_grows_to_its_newest_five_hundred(scripts: Any) -> None:
     """No list of the page grows without limit (I12)."""
     call = "m.mergeTopic('frames/a', {items: [1, 2], missed: 3}, Array.from({length: 600}, (_, n) => n), 1)"

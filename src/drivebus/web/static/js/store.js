@@ -10,7 +10,7 @@ const MAX_FEED_ITEMS = 500;
 const topics = new Map();
 const names = signal([]);
 const hasSnapshot = signal(false);
-/** Newest values that are not in their signals yet, oldest change first. */
+/** Newest values that are not in their signals yet, in the order of publication: the topic that has waited longest first. */
 const pending = new Map();
 let isScheduled = false;
 
@@ -122,13 +122,14 @@ function schedulePublish() {
 // A hidden page gets no animation frames: pending topics are drawn at once.
 document.addEventListener("visibilitychange", () => { if (isScheduled) publishPending(); });
 
+/** A topic that waits keeps its place: one that changes in each message would else never be published on a slow screen. */
 function queueTopic(name, value) {
-  pending.delete(name);
   pending.set(name, value);
   schedulePublish();
 }
 
-const newest = (name) => (pending.has(name) ? pending.get(name) : topic(name).peek());
+/** Newest value of a topic, which may reach its signal some frames later. */
+export const newest = (name) => (pending.has(name) ? pending.get(name) : topic(name).peek());
 
 /** Apply a snapshot of all subscribed topics; topics that it lacks are removed. */
 export function applySnapshot(message) {

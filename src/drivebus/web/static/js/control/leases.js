@@ -2,7 +2,7 @@
 import { api, drivePath } from "../api.js";
 import { isLive, renewLeases } from "../live.js";
 import { isMine, may, session } from "../session.js";
-import { drive, idsOf } from "../store.js";
+import { idsOf, newest } from "../store.js";
 import { ownReleases, releasing } from "./takeovers.js";
 
 /** A lease expires after ten seconds without a renewal. */
@@ -18,7 +18,8 @@ export const releaseControl = (id) => releasing(id, () => api.remove(drivePath(i
 /** Whether the user may command this drive now. */
 export const hasControl = (view) => isMine(view.lease) && may("operate");
 
-const ownDrives = () => idsOf("drives").peek().filter((id) => isMine(drive(id).peek()?.lease));
+/** Drives under control of this session, by the newest message: a slow screen shows it later. */
+export const ownDrives = () => idsOf("drives").peek().filter((id) => isMine(newest(`drives/${id}`)?.lease));
 
 function renewAll() {
   if (!session.peek()?.user) return;
