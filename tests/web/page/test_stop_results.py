@@ -9,7 +9,7 @@ import pytest
 from drivebus import i18n
 from drivebus.drives.state import DriveState
 from fixtures.browser import Stage
-from fixtures.browser_actions import expecting, unplugged, wait_until
+from fixtures.browser_actions import DRAWN, expecting, go_to, unplugged, wait_until
 
 CONFIRMED_MS = 2500
 """Time in which every drive of the plant is read again after the answer to a stop."""
@@ -257,3 +257,50 @@ def test_a_stop_that_is_repeated_frees_the_connections_that_the_next_stop_needs(
     page.click("[data-stop=all]")
     expecting()(page.locator(".stop-status.good")).to_have_count(1)
     wait_until(page, lambda: all(request in ended for request in held), "the stop of all frees no connection")
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_session_that_controls_a_drive_shows_on_every_page_which_user_stopped_it(
+    stage: Stage, visit: Any, language: str
+) -> None:
+    """The fleet page of the user who had started the drives did not say that a colleague had stopped them."""
+    page = visit("#/drive/fan-1", role="operator", language=language)
+    page.click("[data-do=take]")
+    page.locator(".lease.own").wait_for()
+    go_to(page, "fleet")
+    notice = page.locator("[data-stopped-by]")
+    name = {"en": "Supply fan", "zh": "送风机"}[language]
+    for kind, stop in (
+        ("drive", lambda: stage.call("drive.stop", drive="fan-1")),
+        ("all", lambda: stage.call("plant.stop")),
+    ):
+        stop()
+        sentence = word(f"page.foreign_stop_{kind}", language, actor="tester", name=name, time="TIME")
+        expecting()(notice).to_have_count(1)
+        for part in sentence.split("TIME"):
+            expecting()(notice).to_contain_text(part.strip())
+    notice.locator("[data-do=read]").click()
+    expecting()(notice).to_have_count(0)
+
+
+def test_only_a_new_stop_of_another_user_for_a_drive_of_this_session_is_announced(visit: Any) -> None:
+    """Neither an old stop, nor one by the service or by this user; a start of the drive ends the notice."""
+    script = """async () => {
+      const [store, session, m] = await Promise.all(
+        ['store', 'session', 'control/foreign-stops'].map((one) => import(`/static/js/${one}.js`)));
+      const { user, session: own } = session.session.value;
+      const stop = (kind, actor, time_ms) => ({ kind, actor, time_ms });
+      const shown = [];
+      for (const [last_stop, of] of [
+        [stop('drive', 'bob', 1), own], [stop('drive', user, 2), own], [stop('automatic', 'drivebus', 3), own],
+        [stop('group', 'bob', 4), 'another'], [stop('group', 'bob', 5), own], [stop('group', 'bob', 5), own],
+        [null, own],
+      ]) {
+        store.applyDelta({ topics: { 'drives/x': { lease: { owner: user, session: of }, last_stop } } });
+        await DRAWN;
+        shown.push(m.foreignStops.value.length);
+      }
+      store.applyDelta({ topics: {}, removed: ['drives/x'] });
+      return shown;
+    }""".replace("DRAWN", DRAWN)
+    assert visit("#/settings").evaluate(script) == [0, 0, 0, 0, 1, 1, 0]

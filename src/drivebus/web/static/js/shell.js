@@ -3,6 +3,7 @@ import { effect, html, signal, useEffect, useRef } from "./lib.js";
 import { openAlarms, uncleared } from "./alarms/alarm-list.js";
 import { AlarmAnnouncement } from "./alarms/alarm-announcement.js";
 import { AlarmStrip } from "./alarms/alarm-strip.js";
+import { ForeignStopNotices } from "./control/foreign-stop-notices.js";
 import { ControlRequestNotices } from "./control/request-notices.js";
 import { StopBar } from "./control/stop-bar.js";
 import { TakeoverNotices } from "./control/takeover-notices.js";
@@ -158,7 +159,7 @@ function Notices() {
   usePublishedHeight(box, "--notices");
   return html`<div class="notices" ref=${box}><${ConnectionNotice} /><${NewVersion} />${!noticePlace.value.isReserved && html`<${ServiceNotice} />`}<${FailedLogins} />
     <${LogoutNotice} /><${Unlock} />
-    <${ReplacedDrive} /><${TakeoverNotices} /><${ControlRequestNotices} /></div>`;
+    <${ReplacedDrive} /><${TakeoverNotices} /><${ForeignStopNotices} /><${ControlRequestNotices} /></div>`;
 }
 
 /** `children` is the page of the address. */
