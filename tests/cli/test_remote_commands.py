@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -28,9 +30,10 @@ from drivebus.cli.remote.convert import parse_error_outcome
 from drivebus.cli.remote.drive import RemoteDrive
 from drivebus.cli.signals import ShutdownSignal
 from drivebus.cli.tui.service_source import ServiceRowSource
+from drivebus.drives.operations.loopback import LoopbackReport
 from drivebus.drives.outcome import Outcome, OutcomeStatus
 from drivebus.drives.state import DriveState
-from drivebus.errors import ConfigurationError, OutcomeUnknown, ProfileError, Superseded
+from drivebus.errors import ConfigurationError, NoReply, OutcomeUnknown, ProfileError, Superseded
 from drivebus.service.api.errors import build_error_json, error_to_json
 from drivebus.service.api.operations import API_PREFIX
 from drivebus.service.auth.actor import SERVICE_NAME
@@ -105,6 +108,48 @@ def test_parameters_are_written_and_read(service: str) -> None:
     assert outcome["outcome"] == "confirmed" and outcome["frames"]
     rows = run_command(service, "read", *FAN, "F1.10", "output_frequency")["values"]
     assert (rows[0]["notation"], rows[0]["value"]) == ("F1.10", 1.0)
+
+
+def test_the_line_to_a_drive_is_tested_through_the_service(service: str) -> None:
+    """Of the four manuals' functions only the loop-back of the VC660 needed the port of the service."""
+    found = run_command(service, "loopback", "--drive", "pump-1", "--count", "5")
+    assert (found["requests"], found["returned"], found["error"], found["complete"]) == (5, 5, None, True)
+    assert 0 < found["round_trip_ms"]["min"] <= found["round_trip_ms"]["mean"] <= found["round_trip_ms"]["max"]
+    assert "100" in run_command(service, "loopback", "--drive", "pump-1", "--count", "101", code=1)["error"]["text"]
+    refused = run_command(service, "loopback", *FAN, code=ExitCode.FAILED)["error"]
+    assert refused["type"] == "CapabilityError"
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_loopback_test_that_the_service_ends_names_the_time_limit(
+    plant: RunningService, monkeypatch: pytest.MonkeyPatch, language: str
+) -> None:
+    async def slow_test(drive: RemoteDrive, count: int) -> LoopbackReport:
+        return LoopbackReport(3, (0.02,) * 2, 1, NoReply("bus.no_reply", station=1, milliseconds=56))
+
+    monkeypatch.setenv("DRIVEBUS_TOKEN", token(Role.OPERATOR))
+    monkeypatch.setattr(RemoteDrive, "loopback_test", slow_test)
+    words = ["loopback", "--service", plant.url, "--drive", "pump-1", "--lang", language]
+    result = CliRunner().invoke(cli, words, env={"COLUMNS": "200"})
+    assert result.exit_code == ExitCode.FAILED
+    assert result.stderr.strip() == i18n.text("loopback.time_limit", language, seconds=10)
+    assert result.stdout.startswith(i18n.text("loopback.returned", language, returned=2, requests=3))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_an_interrupted_loopback_test_of_a_service_ends_at_once(
+    plant: RunningService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def endless_test(drive: RemoteDrive, count: int) -> LoopbackReport:
+        os.kill(os.getpid(), signal.SIGINT)
+        await asyncio.sleep(60)
+        raise AssertionError("not cancelled")
+
+    monkeypatch.setenv("DRIVEBUS_TOKEN", token(Role.OPERATOR))
+    monkeypatch.setattr(RemoteDrive, "loopback_test", endless_test)
+    result = CliRunner().invoke(cli, ["loopback", "--service", plant.url, "--drive", "pump-1", "--lang", "en"])
+    assert (result.exit_code, result.stdout) == (ExitCode.INTERRUPTED, "")
+    assert result.stderr.strip() == i18n.text("scan.aborted")
 
 
 def test_a_detached_run_a_new_setpoint_and_a_stop(plant: RunningService, service: str) -> None:

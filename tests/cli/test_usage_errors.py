@@ -113,7 +113,7 @@ def test_a_refusal_names_the_next_step(line: str, step: str, language: str) -> N
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
-@pytest.mark.parametrize("command", ["calibrate", "loopback", "acceptance", "scan"])
+@pytest.mark.parametrize("command", ["calibrate", "acceptance", "scan"])
 def test_a_command_of_a_port_says_that_it_does_not_work_through_a_service(command: str, language: str) -> None:
     """``calibrate`` had the option, connected and failed with a traceback: a service does not calibrate."""
     result = run_words([command, "--service", "http://127.0.0.1:1", "--drive", "fan-1"], language)

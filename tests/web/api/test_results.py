@@ -194,6 +194,9 @@ def command_drives(api: CheckedClient) -> None:
     api.call("parameters.read", drive="fan-1", names=["F0.1", "F1.07"])
     api.call("parameters.write", drive="fan-1", values={"F1.10": 1.0})
     api.call("identity.read", drive="fan-1")
+    assert api.call("loopback.test", drive="pump-1", count=3)["complete"]
+    assert api.call("loopback.test", drive="pump-1", count=101, status=422)["error"]
+    assert api.call("loopback.test", drive="fan-1", status=422)["error"]["code"] == "drives.cannot"
     api.call("drives.profile", drive="fan-1")
     api.call("drives.statistics", drive="fan-1")
     api.call("plant.statistics")

@@ -157,6 +157,23 @@ def test_the_identity_of_a_c320_is_read_on_the_page(visit: Any, language: str) -
     page.locator("[data-text=identity]").scroll_into_view_if_needed()
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_the_line_to_a_vc660_is_tested_on_the_page(visit: Any, language: str) -> None:
+    """The loop-back was in the command line alone, which needs the port of the service."""
+    page = visit("#/drive/pump-1?tab=profile", language=language, role="operator")
+    page.click("[data-do=loopback]")
+    result = page.locator("[data-text=loopback]")
+    expecting()(result).to_contain_text(i18n.text("loopback.returned", language, returned=100, requests=100))
+    assert result.get_attribute("role") == "status" and "{" not in result.inner_text()
+
+
+@pytest.mark.parametrize(("drive", "role"), [("fan-1", "operator"), ("pump-1", "viewer")])
+def test_no_loop_back_is_offered_for_a_model_without_one_or_to_a_viewer(visit: Any, drive: str, role: str) -> None:
+    page = visit(f"#/drive/{drive}?tab=profile", role=role)
+    page.wait_for_selector(f"h3:has-text('{i18n.text('page.signals')}')")
+    expecting()(page.locator("[data-do=loopback]")).to_have_count(0)
+
+
 @pytest.mark.parametrize(("language", "emergency"), [("en", "emergency stop under way"), ("zh", "紧急停车过程中")])
 def test_the_bits_of_the_status_word_are_listed_with_those_that_are_set(
     visit: Any, language: str, emergency: str

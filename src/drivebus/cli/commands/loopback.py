@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from drivebus.cli import connect, options, output
-from drivebus.cli.click_ext import CliCommand, Option
+from drivebus.cli.click_ext import Option
 from drivebus.cli.connect import Target
-from drivebus.cli.drive_command import pop_target
+from drivebus.cli.drive_command import drive_command
 from drivebus.cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -17,55 +17,45 @@ if TYPE_CHECKING:
 MAX_LOOPBACKS = 10_000
 
 
-def _run(*, count: int, dry_run: bool, **arguments: Any) -> ExitCode:
-    import asyncio
-
-    target = pop_target(arguments)
-    if dry_run:
-        from drivebus.cli.dry_run import DryRun
-
-        return _plan(DryRun(target), count)
-    return asyncio.run(_loopback(target, count))
-
-
 async def _loopback(target: Target, count: int) -> ExitCode:
     from drivebus.cli.signals import shutdown_signals
 
     async with connect.open_drive(target) as (_, drive):
         with shutdown_signals() as shutdown:
-            report = await drive.loopback_test(count, lambda: shutdown.received)
-    is_complete = report.requests == count
-    if not is_complete:
+            report: LoopbackReport | None
+            if target.service is None:
+                report = await drive.loopback_test(count, lambda: shutdown.received)
+            else:
+                report = await shutdown.interruptible(drive.loopback_test(count))
+    is_complete = report is not None and report.requests == count
+    is_aborted = shutdown.received and not is_complete
+    if is_aborted:
         output.print_note("scan.aborted")
+    elif not is_complete:
+        from drivebus.service.api.operations.drives import LOOPBACK_TIMEOUT_S
+
+        output.print_note("loopback.time_limit", seconds=LOOPBACK_TIMEOUT_S)
+    if report is None:
+        return ExitCode.INTERRUPTED
     _print_report(report, is_complete=is_complete)
-    if not is_complete:
+    if is_aborted:
         return ExitCode.INTERRUPTED
     return ExitCode.DONE if len(report.round_trips_s) == count else ExitCode.FAILED
 
 
 def _print_report(report: LoopbackReport, *, is_complete: bool) -> None:
-    times_ms = sorted(round(1000 * round_trip_s, 1) for round_trip_s in report.round_trips_s)
-    mean_ms = round(sum(times_ms) / len(times_ms), 1) if times_ms else None
-    lowest_ms, highest_ms = (times_ms[0], times_ms[-1]) if times_ms else (None, None)
-    error = None if report.error is None else report.error.text(output.language())
+    lowest_ms, mean_ms, highest_ms = report.round_trip_range_ms or (None, None, None)
     output.print_json(
         {
             "requests": report.requests,
-            "returned": len(times_ms),
+            "returned": len(report.round_trips_s),
             "repetitions": report.repetitions,
             "round_trip_ms": {"min": lowest_ms, "mean": mean_ms, "max": highest_ms},
-            "error": error,
+            "error": None if report.error is None else report.error.text(output.language()),
             "complete": is_complete,
         }
     )
-    sentences = [output.text("loopback.returned", returned=len(times_ms), requests=report.requests)]
-    if times_ms:
-        sentences.append(output.text("loopback.times", low=lowest_ms, mean=mean_ms, high=highest_ms))
-    if report.repetitions:
-        sentences.append(output.text("loopback.repeated", count=report.repetitions))
-    if error is not None:
-        sentences.append(output.text("loopback.error", why=error))
-    output.print_wrapped(output.join(sentences, "sentences"))
+    output.print_wrapped(report.text.in_language(output.language()))
 
 
 def _plan(dry: DryRun, count: int) -> ExitCode:
@@ -78,16 +68,16 @@ def _plan(dry: DryRun, count: int) -> ExitCode:
     return dry.print("dry.note.loopback")
 
 
-command = CliCommand(
+command = drive_command(
     "loopback",
-    callback=_run,
-    params=[
-        *options.drive_options(),
+    _loopback,
+    _plan,
+    extra=(
         Option(["--count"], type=options.NumberType(1, MAX_LOOPBACKS), default=10, metavar="N", example="--count 100"),
-        options.dry_run_option(),
-    ],
+    ),
     examples=(
         "drivebus loopback /dev/ttyUSB0 --model vc660 --address 3",
         "drivebus loopback sim://vc660@3 --model vc660 --address 3 --count 100 --json",
+        "drivebus loopback --service http://127.0.0.1:8080 --drive pump-1",
     ),
 )

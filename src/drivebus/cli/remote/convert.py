@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from drivebus.drives.operations.loopback import LoopbackReport
 from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
 from drivebus.drives.state import Direction, DriveState, DriveStatus, Fault
 from drivebus.errors import DrivebusError
@@ -54,6 +55,12 @@ def _parse_exchange(frame: Json) -> FrameExchange:
         error=frame["error"],
         params=frame["params"],
     )
+
+
+def parse_loopback(data: Json) -> LoopbackReport:
+    error = None if data["error"] is None else error_from_json(data["error"])
+    round_trips_s = tuple(round_trip_ms / 1000 for round_trip_ms in data["round_trips_ms"])
+    return LoopbackReport(data["requests"], round_trips_s, data["repetitions"], error)
 
 
 def parse_status(view: Json, now: float) -> DriveStatus:

@@ -12,7 +12,7 @@ from types import SimpleNamespace, TracebackType
 from typing import TYPE_CHECKING, Any
 
 from drivebus.cli.remote.client import RemoteClient
-from drivebus.cli.remote.convert import parse_outcome, parse_reading, parse_status, reading_time
+from drivebus.cli.remote.convert import parse_loopback, parse_outcome, parse_reading, parse_status, reading_time
 from drivebus.cli.stop_errors import stop_errors
 from drivebus.errors import DrivebusError, NotFound, ServiceUnavailable, before_motion
 from drivebus.service.api.errors import error_from_json
@@ -31,12 +31,14 @@ from drivebus.service.api.operations.drives import (
     DRIVE_SET_FREQUENCY,
     DRIVE_STOP,
     DRIVES_GET,
+    LOOPBACK_TEST,
     PARAMETERS_READ,
     PARAMETERS_WRITE,
 )
 from drivebus.types import Json
 
 if TYPE_CHECKING:
+    from drivebus.drives.operations.loopback import LoopbackReport
     from drivebus.drives.outcome import Outcome
     from drivebus.drives.state import Direction, DriveStatus
     from drivebus.profiles import DriveProfile
@@ -110,6 +112,9 @@ class RemoteDrive:
         for error in result["refused"].values():
             raise error_from_json(error)
         return {name: parse_reading(value) for name, value in result["parameters"].items()}
+
+    async def loopback_test(self, count: int = 10) -> LoopbackReport:
+        return parse_loopback(await self.call(LOOPBACK_TEST, count=count))
 
     async def comm_loss_behaviour(self) -> Any:
         """Return the behaviour that the service has read from the drive."""

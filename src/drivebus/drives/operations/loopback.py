@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from drivebus.drives.operations.context import OperationContext
 from drivebus.drives.operations.steps import DriveOperation
 from drivebus.errors import CapabilityError, DrivebusError
+from drivebus.values import Text, bilingual_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,6 +19,29 @@ class LoopbackReport:
     round_trips_s: tuple[float, ...]
     repetitions: int
     error: DrivebusError | None = None
+
+    @property
+    def round_trips_ms(self) -> list[float]:
+        """Round trips in milliseconds, with one decimal."""
+        return [round(1000 * round_trip_s, 1) for round_trip_s in self.round_trips_s]
+
+    @property
+    def round_trip_range_ms(self) -> tuple[float, float, float] | None:
+        """Shortest, mean and longest round trip in milliseconds; None where no request was returned."""
+        times_ms = self.round_trips_ms
+        return (min(times_ms), round(sum(times_ms) / len(times_ms), 1), max(times_ms)) if times_ms else None
+
+    @property
+    def text(self) -> Text:
+        texts = [bilingual_text("loopback.returned", returned=len(self.round_trips_s), requests=self.requests)]
+        if self.round_trip_range_ms is not None:
+            low, mean, high = self.round_trip_range_ms
+            texts.append(bilingual_text("loopback.times", low=low, mean=mean, high=high))
+        if self.repetitions:
+            texts.append(bilingual_text("loopback.repeated", count=self.repetitions))
+        if self.error is not None:
+            texts.append(bilingual_text("loopback.error", why=Text.per_language(self.error.text)))
+        return Text.join(texts, "sentences")
 
 
 def loopback_test(

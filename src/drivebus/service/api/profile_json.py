@@ -42,6 +42,7 @@ def profile_json(profile: DriveProfile) -> Json:
         "open_questions": [_question(question) for question in profile.open_questions],
         "can_save": writing.eeprom and "save" in profile.capabilities,
         "can_write_ram": writing.ram,
+        "has_loopback": profile.modbus is not None and profile.modbus.loopback,
     }
 
 

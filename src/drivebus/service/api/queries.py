@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from drivebus import profiles
+from drivebus.drives.operations.loopback import LoopbackReport
 from drivebus.errors import CapabilityError, NotFound, ProfileError
 from drivebus.profiles.listing import list_models
 from drivebus.profiles.load import model_name
@@ -20,8 +21,11 @@ from drivebus.service.api.operations.drives import (
     DRIVES_PROFILE,
     DRIVES_STATISTICS,
     IDENTITY_READ,
+    LOOPBACK_TEST,
+    LOOPBACK_TIMEOUT_S,
     PARAMETERS_READ,
     DriveParams,
+    LoopbackParams,
     ParameterReadParams,
 )
 from drivebus.service.api.operations.groups import GROUPS_LIST
@@ -47,12 +51,16 @@ from drivebus.service.live.views import text_json
 from drivebus.service.runtime.fairness import ITEMS_PER_TURN, iter_cooperatively, yield_to_loop
 from drivebus.service.runtime.plant import Plant
 from drivebus.types import Json
+from drivebus.values import Text, bilingual_text
 
 NAMES_PER_TURN = 2  # the similar names of an unknown one take 0.7 ms
 
 
 class Queries:
-    """Answers from the service's state, history and audit trail; only parameters and identity are read from the bus."""
+    """Answers from the service's state, history and audit trail.
+
+    Only parameters, identities and loop-back tests use the bus.
+    """
 
     def __init__(self, plant: Plant, groups: GroupCommands) -> None:
         self.plant, self.groups = plant, groups
@@ -164,6 +172,29 @@ class Queries:
         reads = self.plant.bus_of(drive).reads
         readings = await reads.run(lambda: drive.drive.read(known), user=actor.user) if known else {}
         return {"parameters": readings_json(drive.profile, readings), "refused": refused}
+
+    @handles(LOOPBACK_TEST)
+    async def test_loopback(self, params: LoopbackParams, actor: Actor) -> Json:
+        drive = self.plant.drive_runtime(params.drive)
+        bus = self.plant.bus_of(drive)
+
+        async def test() -> LoopbackReport:
+            ends_at = bus.bus.now() + LOOPBACK_TIMEOUT_S
+            return await drive.drive.loopback_test(params.count, lambda: bus.bus.now() >= ends_at)
+
+        report = await bus.reads.run(test, user=actor.user)
+        is_complete = report.requests == params.count
+        texts = [report.text]
+        if not is_complete:
+            texts.append(bilingual_text("loopback.time_limit", seconds=LOOPBACK_TIMEOUT_S))
+        return {
+            "requests": report.requests,
+            "round_trips_ms": report.round_trips_ms,
+            "repetitions": report.repetitions,
+            "error": None if report.error is None else error_to_json(report.error),
+            "complete": is_complete,
+            "text": text_json(Text.join(texts, "sentences")),
+        }
 
     # --- history and audit trail ----------------------------------------------------------------------------------
 

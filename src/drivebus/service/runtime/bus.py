@@ -60,7 +60,10 @@ class BusRuntime:
         """Read from the port URL once: a file name is no port URL while the adapter is pulled."""
         self.drives: dict[str, DriveRuntime] = {}
         self.reads = OneAtATime()
-        """Reads of parameters and identities for users: many at once would go before the reads that confirm a stop."""
+        """Reads of parameters and identities, and loop-back tests, for users.
+
+        Many at once would go before the reads that confirm a stop.
+        """
         self.automatic_stops = StopsAtOnce()
         """Stops by interlocks and other policies, which often concern all drives of a bus."""
         self.problem: DrivebusError | None = None

@@ -106,6 +106,15 @@ class ParameterReadParams(DriveParams):
     names: Annotated[list[Name], Field(min_length=1, max_length=64, examples=[["F0.1", "F1.07"]])]
 
 
+LOOPBACK_TIMEOUT_S = 10  # of one test: other reads of its bus wait for the end
+
+
+class LoopbackParams(DriveParams):
+    """Number of loop-back requests, 1 to 100."""
+
+    count: Annotated[int, Field(ge=1, le=100, examples=[10])] = 10
+
+
 MAX_WRITES = 64  # parameters of one request
 
 
@@ -194,6 +203,20 @@ class IdentityResponse(ApiObject):
     digits: dict[str, str]
     host_controls: bool | None
     host_sets_frequency: bool | None
+
+
+class LoopbackResponse(ApiObject):
+    """Result of a loop-back test: requests sent, round trips of those returned, repetitions, and the last error.
+
+    ``complete`` is false where the time limit ended the test before its last request; ``text`` says all of it.
+    """
+
+    requests: int
+    round_trips_ms: list[float]
+    repetitions: int
+    error: ErrorObject | None
+    complete: bool
+    text: LocalizedText
 
 
 class ArmResponse(ApiObject):
@@ -303,6 +326,22 @@ IDENTITY_READ = Operation(
     params=DriveParams,
     response=IdentityResponse,
     summary=Text("Read over the bus what the drive reports about itself", "通过总线读取变频器的机型信息"),
+)
+
+LOOPBACK_TEST = Operation(
+    name="loopback.test",
+    right=Right.OPERATE,
+    method="POST",
+    path="/drives/{drive}/loopback/test",
+    params=LoopbackParams,
+    response=LoopbackResponse,
+    cancellable=True,
+    summary=Text(
+        "Test the line with requests that the drive returns unchanged (Modbus function 08), for "
+        f"{LOOPBACK_TIMEOUT_S} s at most; only models with a loop-back. Reads and changes nothing in the drive",
+        f"用变频器原样返回的请求（Modbus 功能码 08）测试线路，最长 {LOOPBACK_TIMEOUT_S} s；仅限有回路测试的型号。"
+        "不读取也不更改变频器中的任何内容",
+    ),
 )
 
 PARAMETERS_WRITE = Operation(

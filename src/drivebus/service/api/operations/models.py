@@ -163,6 +163,7 @@ class ProfileObject(ApiObject):
     open_questions: list[OpenQuestionObject]
     can_save: bool
     can_write_ram: bool
+    has_loopback: bool
 
 
 MODELS_LIST = Operation(

@@ -50,6 +50,21 @@ function Identity({ id }) {
       ${t("page.identity_read")}<//></div>`;
 }
 
+const LOOPBACKS = 100; // of one test: about 3 s at 9,600 baud
+
+/** Test of the line to a drive that returns requests unchanged. */
+function Loopback({ id }) {
+  const [result, setResult] = useState(null);
+  const [execute, busy, error] = useRequest();
+  const test = () => execute(async () => setResult(await api.post(drivePath(id, "/loopback/test"), { count: LOOPBACKS }, {
+    timeout_ms: 60_000 })));
+  return html`<h3>${t("page.loopback")}</h3><p class="soft">${t("page.loopback_help")}</p>
+    ${result && html`<div role="status" data-text="loopback"><${Notice}
+      kind=${result.error || !result.complete ? "warning" : "good"}>${localized(result.text)}<//></div>`}<${ErrorNote} error=${error} />
+    <div class="row"><${Button} busy=${busy} disabled=${!isLive.value} onClick=${test} data-do="loopback">
+      ${t("page.loopback_test", { n: LOOPBACKS })}<//></div>`;
+}
+
 /** Bits of the status word; of a drive also which of them are set in the word that it reported last. */
 function StatusBits({ bits, word }) {
   const columns = [[t("page.status_bit"), (bit) => localized(bit.text), "wide"],
@@ -63,6 +78,7 @@ export function ProfileTab({ view, profile }) {
   const state = reading(view, "state");
   return html`<${ModelProfile} profile=${profile} word=${state?.quality === "good" ? state.value : null}>
     ${profile.capabilities.includes("identify") && may("operate") && html`<${Identity} key=${view.id} id=${view.id} />`}
+    ${profile.has_loopback && may("operate") && html`<${Loopback} key=${`loopback-${view.id}`} id=${view.id} />`}
     <p><a href=${href("models")}>${t("page.models_back")}</a></p><//>`;
 }
 
