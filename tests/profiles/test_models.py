@@ -308,7 +308,7 @@ def test_vc660_publishes_only_bit_0_of_its_fault_words() -> None:
     assert profile.fault(0).text.en == "under-voltage"
     other = profile.fault(17)
     assert other.label == ""  # the keypad shows none, and a label is the same in every language
-    assert other.text.en.startswith("bit 17 of ") and other.text.zh.startswith("故障字第 17 位（")
+    assert other.text.en.startswith("fault bit 17, not published") and other.text.zh.startswith("故障位 17，")
 
 
 @pytest.mark.parametrize(("setting", "forward", "reverse"), [("b3b2", 0x8, 0x4), ("b2b3", 0x4, 0x8)])

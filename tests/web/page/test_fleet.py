@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from drivebus import i18n
+from drivebus import i18n, profiles
 from fixtures.browser import Stage
 from fixtures.browser_actions import DRAWN, expecting, trip
 
@@ -197,6 +197,35 @@ def test_the_fault_of_a_dense_tile_fills_its_line(visit: Any) -> None:
       return new Set([...range.getClientRects()].map(({ top }) => Math.round(top))).size;
     }""")
     assert lines == 1
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("model", ["c320", "dzb100", "vc660", "df800"])
+def test_a_tile_shows_the_whole_text_of_a_fault_that_the_manual_does_not_name(
+    visit: Any, model: str, language: str
+) -> None:
+    """Of a fault bit of a VC660 it showed "bit 3 of 3016H/3017H, not published…", not where to look."""
+    fault = profiles.load(model).fault(12)
+    page = visit("#/fleet", size=(1440, 900), language=language)
+    page.locator(".tile").nth(4).wait_for()
+    view = {
+        "code": 12,
+        "label": fault.label,
+        "text": fault.text.by_language(),
+        "cause": None,
+        "remedy": None,
+    }
+    page.evaluate(
+        """async (fault) => {
+      const store = await import('/static/js/store.js');
+      store.applyDelta({ topics: { 'drives/fan-1': { state: 'fault', fault } } });
+    }""",
+        view,
+    )
+    text = page.locator(".tilefault").first
+    text.wait_for()
+    hidden = text.evaluate("one => one.scrollHeight - one.clientHeight")
+    assert hidden < 8, text.inner_text()  # Chinese characters are taller than their line; a line has 15 px
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
