@@ -173,7 +173,7 @@ def test_vc660_names_every_fault_bit_and_says_so_where_it_names_none() -> None:
     two = derived_vc660(0x0002, 0x0002, faults=(0x0021, 0))
     assert two == DerivedState(DriveState.FAULT, None, 0, further_fault_codes=(5,))
     fault = reported_fault(profiles.load("vc660"), two)
-    assert fault is not None and fault.text.en.startswith("under-voltage; bit 5 of ")
+    assert fault is not None and fault.text.en.startswith("under-voltage; fault bit 5, ")
     assert reported_fault(profiles.load("vc660"), DerivedState(DriveState.STOPPED)) is None
 
 
