@@ -53,7 +53,6 @@ COMMAND_LINE_TEXTS = frozenset(
         "jog",
         "live",
         "log",
-        "loopback",
         "metrics",
         "models",
         "monitor",
