@@ -145,6 +145,30 @@ def test_a_jog_whose_service_is_lost_ends_with_an_unknown_stop_that_names_the_dr
     play(scenario)
 
 
+def test_the_status_of_a_jog_is_newer_than_its_start() -> None:
+    """The direction of the jog before it would be remarked on."""
+
+    class LateClient(FakeClient):
+        """Client of a service that reads the state of the drive after two requests."""
+
+        async def call(self, operation: str, params: Json) -> Json:
+            result = await super().call(operation, params)
+            if operation != "drives.get" or "drive.jog" not in self.operations:
+                return result
+            is_new = self.operations[-1:-4:-1].count("drives.get") == 3
+            view = {"state": "jogging", "direction": "forward" if is_new else "reverse", "state_reason": None}
+            times = {"time_ms": 10_000, "state_time_ms": 10_000 if is_new else 5_000}
+            return view | times | {"signals": {}, "fault": None, "last_stop": None}
+
+    async def scenario() -> None:
+        fan = drive(LateClient(is_local=True))
+        async with fan.jog(5.0, Direction.FORWARD):
+            assert (await fan.status()).direction is Direction.FORWARD
+        await fan.close()
+
+    play(scenario)
+
+
 def test_a_lease_is_renewed_until_close_and_then_released() -> None:
     async def scenario() -> None:
         client = FakeClient()

@@ -110,7 +110,7 @@ def test_a_single_press_after_a_jog_starts_no_other_one(monkeypatch: pytest.Monk
     """A repeat that was left in the queue made the next single press a held key."""
     jogs: list[str] = []
 
-    async def jog_and_leave_a_repeat(session: Any, bus: Any, keys: KeyQueue, shutdown: Any, key: str) -> None:
+    async def jog_and_leave_a_repeat(session: Any, bus: Any, keys: KeyQueue, shutdown: Any, key: str, *_: Any) -> None:
         jogs.append(key)
         keys.on_keys("ff")
         asyncio.get_running_loop().call_later(0.5, keys.on_keys, "f")

@@ -25,6 +25,7 @@ from drivebus.errors import ConfigurationError, InvalidParameters, NotFound
 if TYPE_CHECKING:
     from drivebus.bus import Bus
     from drivebus.cli.remote.drive import RemoteBus, RemoteDrive
+    from drivebus.cli.run_watch import Remark
     from drivebus.drives import Drive, DriveLimits
     from drivebus.drives.outcome import Outcome
 
@@ -240,6 +241,14 @@ def print_outcome(outcome: Outcome, now: float, *, stream: bool = False, **more:
     output.print_json(more | outcome_json(outcome, now), stream=stream)
     output.print_text(outcome_text(outcome))
     return outcome_exit_code(outcome)
+
+
+def print_remark(remark: Remark) -> None:
+    """Print a remark on a line of its own."""
+    text = output.text(remark.key, **remark.params)
+    output.print_json({"event": "remark", "key": remark.key, "text": text}, stream=True)
+    output.end_live_line()
+    output.print_wrapped(text)
 
 
 async def print_comm_loss(drive: Drive) -> None:

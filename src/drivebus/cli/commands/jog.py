@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from drivebus.cli import connect, options, output
 from drivebus.cli.click_ext import Option
 from drivebus.cli.connect import Target
-from drivebus.cli.drive_command import drive_command, print_comm_loss
+from drivebus.cli.drive_command import drive_command, print_comm_loss, print_remark
 from drivebus.cli.errors import ExitCode
 from drivebus.user_input import normalize_answer
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from drivebus.drives.state import Direction
 
 FIRST_REPEAT_TIMEOUT_S = 1.0  # terminals repeat a held key after 0.25 to 0.66 s
+DIRECTION_READ_INTERVAL_S = 0.2  # a jog may be short
 FORWARD_KEYS = frozenset(" f")
 REVERSE_KEYS = frozenset("r")
 QUIT_KEYS = frozenset("q\x1b\x03\x04")  # q, Esc, Ctrl-C, Ctrl-D
@@ -78,7 +79,7 @@ async def _until_quit(
         direction = _direction(key)
         if direction is not None and await _is_held(bus, keys, key):
             session = drive.jog(frequency_hz, direction)
-            await _jog_while_held(session, bus, keys, shutdown, key)
+            await _jog_while_held(session, bus, keys, shutdown, key, drive, direction)
             keys.clear()
 
 
@@ -103,23 +104,52 @@ async def _is_held(bus: Bus, keys: KeyQueue, key: str) -> bool:
     return repeated and bus.now() - pressed_at <= FIRST_REPEAT_TIMEOUT_S
 
 
-async def _jog_while_held(session: JogSession, bus: Bus, keys: KeyQueue, shutdown: ShutdownSignal, key: str) -> None:
+async def _watch_direction(drive: Drive, direction: Direction) -> None:
+    """Remark once on a drive that reports the other direction; what else fails is reported by the jog itself."""
+    from drivebus.cli.run_watch import Remark
+    from drivebus.errors import DrivebusError
+
+    while True:
+        with suppress(DrivebusError):
+            status = await drive.status()
+            if status.direction not in (None, direction):
+                print_remark(Remark("run.wrong_direction", {"expected": direction, "found": status.direction}))
+                return
+        await asyncio.sleep(DIRECTION_READ_INTERVAL_S)
+
+
+async def _jog_while_held(
+    session: JogSession,
+    bus: Bus,
+    keys: KeyQueue,
+    shutdown: ShutdownSignal,
+    key: str,
+    drive: Drive,
+    direction: Direction,
+) -> None:
     """Jog while the key repeats, then stop the drive and confirm it."""
     from drivebus.drives.operations.jog import MAX_JOG_LEASE_S
 
+    watch: asyncio.Task[None] | None = None
     try:
         async with session:
             _print_jog_outcome(session.start_outcome, bus, "begun")
             loop = asyncio.get_running_loop()
-            while not shutdown.received and keys.last_key == key:
-                left_s = keys.last_key_at + MAX_JOG_LEASE_S - loop.time()
-                if left_s <= 0:
-                    break
-                session.renew()
-                pressed = await shutdown.interruptible(_next_key(keys, left_s))
-                if pressed != key:
-                    break
+            watch = asyncio.create_task(_watch_direction(drive, direction), name="direction of a jog")
+            try:
+                while not shutdown.received and keys.last_key == key:
+                    left_s = keys.last_key_at + MAX_JOG_LEASE_S - loop.time()
+                    if left_s <= 0:
+                        break
+                    session.renew()
+                    pressed = await shutdown.interruptible(_next_key(keys, left_s))
+                    if pressed != key:
+                        break
+            finally:
+                watch.cancel()
     finally:  # a renewal that was refused is an error of its own; the stop is not
+        if watch is not None:
+            await asyncio.gather(watch, return_exceptions=True)
         with output.continue_without_output():
             _print_jog_outcome(session.stop_outcome, bus, "ended")
 

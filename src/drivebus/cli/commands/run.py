@@ -16,6 +16,7 @@ from drivebus.cli.drive_command import (
     must_stop_after,
     print_comm_loss,
     print_outcome,
+    print_remark,
     stop_and_print,
 )
 from drivebus.cli.errors import ExitCode
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from drivebus.bus import Bus
     from drivebus.cli.dry_run import DryRun
     from drivebus.cli.remote.drive import RemoteDrive
-    from drivebus.cli.run_watch import Remark, RunWatch
+    from drivebus.cli.run_watch import RunWatch
     from drivebus.cli.signals import ShutdownSignal
     from drivebus.drives import Drive
     from drivebus.drives.dialects.base import Dialect
@@ -157,14 +158,14 @@ async def _watch(bus: Bus, drive: Drive, shutdown: ShutdownSignal, watch: RunWat
             status = await shutdown.interruptible(drive.status())
         except (BusError, ProtocolError, ServiceUnavailable) as error:
             if remark := watch.on_failure(error, bus.now()):
-                _print_remark(remark)
+                print_remark(remark)
             await shutdown.wait(STATUS_PERIOD_S)
             continue
         if status is None:
             break
         _print_status(bus, status, drive.profile)
         for remark in watch.update(status, bus.now()):
-            _print_remark(remark)
+            print_remark(remark)
         off = off + 1 if status.state.output_off else 0
         if status.fault is not None or off >= OUTPUT_OFF_COUNT:
             output.end_live_line()
@@ -207,14 +208,6 @@ def _print_status(bus: Bus, status: DriveStatus, profile: DriveProfile) -> None:
         return
     output.print_json({"event": "status"} | status_json(status, bus.now()), stream=True)
     _redraw(status_line(status, profile))
-
-
-def _print_remark(remark: Remark) -> None:
-    """Print a remark on a line of its own."""
-    text = output.text(remark.key, **remark.params)
-    output.print_json({"event": "remark", "key": remark.key, "text": text}, stream=True)
-    output.end_live_line()
-    output.print_wrapped(text)
 
 
 def _redraw(text: str) -> None:

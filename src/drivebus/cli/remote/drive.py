@@ -131,8 +131,12 @@ class RemoteDrive:
         with before_motion():
             params |= await self.arm()
         outcome = parse_outcome(await self.call(DRIVE_RUN, **params))
-        self._started_at = RemoteBus.now()
+        self.note_start()
         return outcome
+
+    def note_start(self) -> None:
+        """Note that the motor was started now: ``status`` waits for a newer state."""
+        self._started_at = RemoteBus.now()
 
     async def set_frequency(self, frequency_hz: float) -> Outcome:
         return await self._call_with_control(DRIVE_SET_FREQUENCY, frequency_hz=frequency_hz)
@@ -250,6 +254,7 @@ class RemoteJog:
                 await self._drive.stop()
             raise
         self._jog_id, self.start_outcome = jog["jog"], parse_outcome(jog)
+        self._drive.note_start()
         self._renewal = asyncio.create_task(self._renew(), name="jog")
         return self
 
