@@ -520,6 +520,7 @@ GIVEN_TWICE = [
     (f"stop --all {DRIVE} --address 1-3 --address 5", "(1-3, 5): give all values together, --address 1-3,5"),
     (f"status {DRIVE} --address 1 --option a=1 --option a=2", "--option: given more than once (a=1, a=2)"),
     (f"write {DRIVE} --address 1 F1.7=1 F1.7=2", "given more than once (F1.7=1, F1.7=2)"),
+    (f"write {DRIVE} --address 1 F1.7=1234567 F1.7=10.00001", "given more than once (F1.7=1234567, F1.7=10.00001)"),
 ]
 
 

@@ -30,7 +30,7 @@ from drivebus.drives.operations.stop import (
 )
 from drivebus.drives.outcome import Outcome
 from drivebus.drives.shared_transactions import SharedTransactions
-from drivebus.drives.stop_supervisor import StopsAtOnce
+from drivebus.drives.stop_supervisor import JointStops
 from drivebus.errors import DrivebusError, NoReply, StopUnconfirmed, Superseded
 from drivebus.protocols.codec import Effect
 from drivebus.simulator.motor import Motor
@@ -98,9 +98,9 @@ async def stop_together(
     return report
 
 
-async def outcome_of(drive: Drive, at_once: StopsAtOnce | None = None) -> Outcome:
+async def outcome_of(drive: Drive, joint: JointStops | None = None) -> Outcome:
     try:
-        return await drive.stop(at_once=at_once)
+        return await drive.stop(joint=joint)
     except StopUnconfirmed as error:
         outcome: Outcome = error.outcome
         return outcome
@@ -660,11 +660,11 @@ def test_of_many_drives_that_are_stopped_at_once_one_that_runs_on_is_reported_on
             monkeypatch.setattr(
                 Motor, "stop", lambda motor, *args: None if motor is running else stop_motor(motor, *args)
             )
-            began, at_once = bench.bus.now(), StopsAtOnce()
+            began, joint = bench.bus.now(), JointStops()
             reported = {}
 
             async def stop_one(drive: Drive) -> None:
-                outcome = await outcome_of(drive, at_once)
+                outcome = await outcome_of(drive, joint)
                 reported[drive.address] = outcome.succeeded, bench.bus.now() - began
 
             await asyncio.gather(*map(stop_one, drives))
@@ -681,8 +681,8 @@ def test_a_stop_whose_frame_still_waits_for_those_of_other_drives_is_not_reporte
     async def scenario() -> list[Outcome]:
         async with SimulatedDrives("dzb100", "1-31") as bench:
             drives = [bench.drive(address) for address in range(1, 32)]
-            at_once = StopsAtOnce()
-            return await asyncio.gather(*(outcome_of(drive, at_once) for drive in drives))
+            joint = JointStops()
+            return await asyncio.gather(*(outcome_of(drive, joint) for drive in drives))
 
     assert all(outcome.succeeded for outcome in run_virtual(scenario()))
 
@@ -692,9 +692,9 @@ def test_a_drive_that_never_replied_is_reported_as_early_among_many_as_alone() -
         async with SimulatedDrives("c320", "1-20") as bench:
             drives = [bench.drive(address) for address in range(1, 21)]
             bench.station(1).faults.silent = True
-            began, at_once = bench.bus.now(), StopsAtOnce()
-            others = [asyncio.create_task(outcome_of(drive, at_once)) for drive in drives[1:]]
-            outcome = await outcome_of(drives[0], at_once)
+            began, joint = bench.bus.now(), JointStops()
+            others = [asyncio.create_task(outcome_of(drive, joint)) for drive in drives[1:]]
+            outcome = await outcome_of(drives[0], joint)
             took_s = bench.bus.now() - began
             await asyncio.gather(*others)
             return outcome, took_s

@@ -36,7 +36,7 @@ from drivebus.drives.operations.stop import (
 from drivebus.drives.outcome import OutcomeStatus
 from drivebus.drives.state import STATE_NOT_READ, DerivedState, DriveState
 from drivebus.drives.stop_supervisor import MIN_SUSPENSION_S, STOP_REPEAT_INTERVAL_S
-from drivebus.errors import HeaderError, NoReply, NotPermitted, StopUnconfirmed, Superseded
+from drivebus.errors import HeaderError, NoReply, NotPermitted, PortLost, StopUnconfirmed, Superseded
 from drivebus.protocols import dzb100, modbus, sunfar
 from drivebus.protocols.codec import Effect
 from drivebus.simulator.models.catalog import make_station
@@ -557,9 +557,10 @@ def progress_of(
         derived=DerivedState(DriveState.RUNNING),
         last_deceleration_at=slowed_at,
         sent_count=1,
+        port_error=None,
     )
-    at_once = (op, *(operation_for(create_dialect(profiles.load(model), address)) for model, address in others))
-    return op, StopProgress(op, 100.0, at_once=at_once)
+    joint = (op, *(operation_for(create_dialect(profiles.load(model), address)) for model, address in others))
+    return op, StopProgress(op, 100.0, joint=joint)
 
 
 @pytest.mark.parametrize(
@@ -648,6 +649,17 @@ def test_of_several_stops_one_is_reported_when_it_had_its_transactions_and_2_s_s
     assert not progress.is_over(110.0)
     op.sent_count = 36
     assert progress.is_over(110.0)
+    op.derived = DerivedState(DriveState.UNKNOWN)  # its replies are lost, and stops take the place of reads
+    assert not progress.is_over(110.0)
+    op.sent_count = 44
+    assert progress.is_over(110.0)
+
+
+def test_no_stop_waits_for_others_where_the_port_is_lost() -> None:
+    op, progress = progress_of(transaction_s=0.5, others=[("c320", 2)])
+    assert progress.deadline == 124.0
+    op.port_error = PortLost("ports.unplugged")
+    assert progress.deadline == 102.0
 
 
 @pytest.mark.parametrize(("readings", "decelerated_until"), [((3000, 1000, 0), 1.0), ((3000, 0), 0.5)])

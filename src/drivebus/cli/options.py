@@ -117,7 +117,7 @@ def reject_second_value(
 
 
 def _assignment_text(name: str, value: float | str) -> str:
-    return f"{name}={value if isinstance(value, str) else format(value, 'g')}"
+    return f"{name}={str(value).removesuffix('.0')}"
 
 
 def record_option() -> click.Option:

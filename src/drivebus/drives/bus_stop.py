@@ -16,7 +16,7 @@ from drivebus.drives.dialects.base import StopMode
 from drivebus.drives.drive import Drive
 from drivebus.drives.operations.exchange_log import frame_exchange
 from drivebus.drives.outcome import FrameExchange, Outcome, OutcomeStatus
-from drivebus.drives.stop_supervisor import StopsAtOnce
+from drivebus.drives.stop_supervisor import JointStops
 from drivebus.errors import DrivebusError, PortError, StopUnconfirmed
 
 BROADCAST_COUNT = 2  # a broadcast has no reply, and one may be lost
@@ -69,8 +69,8 @@ async def stop_bus(bus: Bus, drives: Sequence[Drive]) -> StopReport:
     """
     started_at = bus.now()
     bus.inhibit_start(None)
-    broadcasts, at_once = await _broadcast(bus, drives), StopsAtOnce()
-    outcomes = await asyncio.gather(*(_stop(drive, at_once) for drive in drives))
+    broadcasts, joint = await _broadcast(bus, drives), JointStops()
+    outcomes = await asyncio.gather(*(_stop(drive, joint) for drive in drives))
     addresses = tuple(drive.address for drive in drives)
     return StopReport(
         started_at=started_at,
@@ -222,10 +222,10 @@ async def _broadcast(bus: Bus, drives: Sequence[Drive]) -> tuple[FrameExchange, 
     return tuple(sent)
 
 
-async def _stop(drive: Drive, at_once: StopsAtOnce) -> Outcome:
+async def _stop(drive: Drive, joint: JointStops) -> Outcome:
     """Return the outcome of one stop, whatever it raises."""
     try:
-        return await drive.stop(at_once=at_once)
+        return await drive.stop(joint=joint)
     except StopUnconfirmed as error:
         outcome: Outcome = error.outcome
         return outcome

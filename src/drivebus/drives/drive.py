@@ -29,7 +29,7 @@ from drivebus.drives.operations.status import CommLossReport
 from drivebus.drives.outcome import FrameExchange, Outcome, raise_for_status
 from drivebus.drives.runner import OperationRunner
 from drivebus.drives.state import Direction, DriveStatus
-from drivebus.drives.stop_supervisor import StopsAtOnce, StopSupervisor
+from drivebus.drives.stop_supervisor import JointStops, StopSupervisor
 from drivebus.drives.store import FileStore, MemoryStore, Store, default_path, drive_key, value_if_readable
 from drivebus.errors import Superseded
 from drivebus.ports.base import Port, drive_options
@@ -309,12 +309,13 @@ class Drive:
         self._context.withdrawal = why
         self.bus.withdraw_commands(self.address, why)
 
-    async def stop(self, *, wait: bool = True, at_once: StopsAtOnce | None = None) -> Outcome:
+    async def stop(self, *, wait: bool = True, joint: JointStops | None = None) -> Outcome:
         """Stop along the ramp. Raises StopUnconfirmed where the drive does not report it; the stop is then repeated.
 
-        ``at_once``: stops of several drives of the bus that this one joins; None: it has the time of one drive.
+        ``joint``: stops of several drives of the bus that this one joins; None: it has the time of one drive. To stop
+        all drives of a bus use ``stop_bus``.
         """
-        return await self._stops.stop(StopMode.STOP, wait=wait, at_once=at_once)
+        return await self._stops.stop(StopMode.STOP, wait=wait, joint=joint)
 
     async def coast(self, *, wait: bool = True) -> Outcome:
         """Switch the output off; the motor runs out. Raises CapabilityError where the model has no such command."""

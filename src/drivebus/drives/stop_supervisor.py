@@ -24,10 +24,10 @@ MIN_SUSPENSION_S = 0.5  # a host that notices a deadline later than this was sus
 MIN_WAIT_S = 1e-6  # a shorter wait may not show on the clock of an event loop
 
 
-class StopsAtOnce(set[OperationContext]):
-    """Stops under way of several drives of one bus that belong together. Read in turns, each has the time of all.
+class JointStops(set[OperationContext]):
+    """Stops under way of several drives of one bus, ordered together: read in turns, each has the time of all.
 
-    Stops that are only requested at the same time each have the time of one drive: none puts off the report of another.
+    A stop of one drive that is ordered at the same time joins none of them and has the time of one drive.
     """
 
 
@@ -62,16 +62,16 @@ class StopSupervisor:
         exchanges = {exchange.sent_at: exchange for op in self._concurrent for exchange in op.exchanges}
         return tuple(sorted(exchanges.values(), key=lambda exchange: exchange.sent_at or 0.0))
 
-    async def stop(self, mode: StopMode, *, wait: bool = True, at_once: StopsAtOnce | None = None) -> Outcome:
+    async def stop(self, mode: StopMode, *, wait: bool = True, joint: JointStops | None = None) -> Outcome:
         """Stop the drive. Raises CapabilityError before sending, StopUnconfirmed after.
 
-        ``at_once``: the stops that this one joins; None: it has the time of one drive.
+        ``joint``: the stops that this one joins; None: it has the time of one drive.
         """
-        at_once = StopsAtOnce() if at_once is None else at_once
+        joint = JointStops() if joint is None else joint
         self._runner.drive.require_capability(mode.value)
-        outcome, was_suspended = await self._stop_once(mode, at_once, wait=wait)
+        outcome, was_suspended = await self._stop_once(mode, joint, wait=wait)
         if was_suspended:  # what the drive reported is from before the suspension
-            outcome, _ = await self._stop_once(mode, at_once, wait=wait)
+            outcome, _ = await self._stop_once(mode, joint, wait=wait)
         if outcome.key == "drives.stop_answered":  # a caller with ``wait=False`` needs no more
             return outcome
         return raise_for_status(outcome, stop=True)
@@ -95,23 +95,23 @@ class StopSupervisor:
             self.start_repetition(mode)
         return outcome
 
-    async def _stop_once(self, mode: StopMode, at_once: StopsAtOnce, *, wait: bool) -> tuple[Outcome, bool]:
+    async def _stop_once(self, mode: StopMode, joint: JointStops, *, wait: bool) -> tuple[Outcome, bool]:
         """Return the outcome of a stop, and whether it is unconfirmed only because the host was suspended meanwhile.
 
         At the deadline the operation is cancelled, because its reads may still wait for their turn on the bus.
         """
         self.cancel_repetition()
         bus, op = self._runner.bus, self._runner.stop_context()
-        progress = StopProgress(op, bus.now(), self._concurrent, at_once)
+        progress = StopProgress(op, bus.now(), self._concurrent, joint)
         operation = stop_operation.stop(op, mode, wait_confirmed=wait, progress=progress)
         first_result = self._runner.submit_first(operation)
         if not op.stop_awaits_model:  # the first frame of each stop that waits for that read is its own
             op.first_frame = first_result
         task = self.start_stop(operation, mode, first_result)
         self._concurrent.add(op)
-        at_once.add(op)
+        joint.add(op)
         task.add_done_callback(lambda _: self._concurrent.discard(op))
-        task.add_done_callback(lambda _: at_once.discard(op))
+        task.add_done_callback(lambda _: joint.discard(op))
         was_suspended = False
         while not task.done():
             deadline = progress.deadline  # kept: it comes nearer where a faster transaction shows a faster bus

@@ -559,6 +559,24 @@ def test_opening_a_trail_that_was_rolled_back_without_its_head_reports_the_missi
     assert not reopened_trail(tmp_path).head_missing
 
 
+def test_a_missing_head_is_reported_once_where_the_trail_could_not_be_opened_at_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise OSError("no space")
+
+    trail = written_trail(tmp_path)
+    reopened_trail(tmp_path)
+    trail.paths.head.unlink()
+    again = new_trail(tmp_path)
+    with monkeypatch.context() as context:
+        context.setattr(type(again._chain._records), "open", fail)
+        for _ in range(3):
+            with pytest.raises(OSError, match="no space"):
+                again._chain.open()
+    assert [entry.what for entry in again._chain.open()] == ["audit.head_missing"]
+
+
 def test_opening_a_trail_reports_that_its_key_was_replaced(tmp_path: Path) -> None:
     trail = written_trail(tmp_path)
     trail.paths.key.unlink()

@@ -246,10 +246,9 @@ def full_bus_config(model: str, count: int) -> PlantConfig:
 
 
 async def run_at_keypads(kit: Any) -> None:
-    """Start the fan and then every pump, and wait until each was read."""
-    await asyncio.sleep(20)
+    """Start the fan and then every pump, and wait until each of them was read: a full bus takes up to 16 s."""
+    await asyncio.sleep(16)
     kit.station("fan-1").motor.run(20.0)
-    await asyncio.sleep(8)
     for id in kit.service.plant.drives:
         if id != "fan-1":
             kit.station(id).motor.run(20.0)
@@ -297,5 +296,38 @@ def test_an_interlock_sends_no_stop_to_a_drive_that_stood_when_its_state_was_kno
             pump = kit.service.plant.drives["pump-1"]
             assert pump.state_is_unknown and not pump.drive.stopping
             assert interlock_alarms(kit) == []
+
+    run(scenario())
+
+
+def test_an_interlock_sends_no_stops_to_a_drive_that_turned_and_does_not_answer_any_more() -> None:
+    """Each second one to each drive of a dark cabinet starved the others of the bus; a sound motor was stopped."""
+
+    async def scenario() -> None:
+        async with running_service(full_bus_config("c320", 4)) as kit:
+            await run_at_keypads(kit)
+            pump = kit.service.plant.drives["pump-1"]
+            kit.station("pump-1").faults.silent = True
+            await asyncio.sleep(15)
+            assert pump.state_is_unknown and pump.last_known_turning
+            kit.station("fan-1").motor.stop()
+            await asyncio.sleep(5)
+            assert not pump.drive.stopping and interlock_alarms(kit)
+            assert "pump-1" not in {drive for drive, *_ in interlock_alarms(kit)}
+
+    run(scenario())
+
+
+def test_a_drive_that_is_not_polled_and_has_confirmed_its_stop_is_not_stopped_again() -> None:
+    """After a reload that had restarted the polls, its last known state was that of the time before the stop."""
+
+    async def scenario() -> None:
+        async with running_service(full_bus_config("c320", 1)) as kit:
+            await run_at_keypads(kit)
+            pump = kit.service.plant.drives["pump-1"]
+            pump.stop_monitor()
+            assert pump.may_turn
+            await kit.call("drive.stop", drive="pump-1")
+            assert pump.state_is_unknown and not pump.may_turn
 
     run(scenario())

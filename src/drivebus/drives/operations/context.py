@@ -61,7 +61,7 @@ class OperationContext:
         self.has_sent_preparation = False  # the unlock and the words before every start were sent
         self.read_priority = RequestPriority.PARAMETER  # of requests without a given one; STOP_READ during a stop
         self.waits_in_quarantine = True  # False: a read that a quarantine of 5 s would delay fails
-        self.sent_count = 0  # transactions whose frame was sent
+        self.sent_count = 0  # transactions whose frame was sent, with or without a reply
         self.lost_replies = 0  # frames without a valid reply; a retry by the bus counts as a frame of its own
         self.stops_sent = 0  # stops that were given to the port
         self.first_frame: Any = None  # of a stop, the same for each that it serves; None: it serves this one alone

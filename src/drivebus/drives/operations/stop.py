@@ -39,19 +39,20 @@ class StopProgress:
         op: OperationContext,
         started_at: float,
         concurrent: Collection[OperationContext] = (),
-        at_once: Collection[OperationContext] = (),
+        joint: Collection[OperationContext] = (),
     ) -> None:
         """``concurrent``: all stops of this drive that are under way, this one among them.
 
-        ``at_once``: those of all drives of the bus that are stopped together and read in turns.
+        ``joint``: those of all drives of the bus that are stopped together and read in turns.
         """
-        self._op, self._started_at, self._concurrent, self._at_once = op, started_at, concurrent, at_once
+        self._op, self._started_at, self._concurrent, self._joint = op, started_at, concurrent, joint
         self._transactions = timeout_transactions(op.dialect)
-        self._most_drives = self._most_first_frames = 1  # so far: the end of a stop does not shorten the deadline
+        self._most_drives = 1  # of ``joint`` so far: the end of a stop does not shorten the deadline
+        self._most_first_frames = 1  # of ``concurrent`` so far
         self._fastest_transaction_s = inf  # of this drive's stops; inf: none has a reply yet
         self._deceleration_reported_at = started_at  # by the state of the drive; ``op`` has that by its frequency
         self._progress_at_last_update = started_at
-        self._sent_before_progress = 0  # of its transactions
+        self._sent_before_progress = 0  # ``op.sent_count`` at the last sign of deceleration that ``update`` found
 
     @property
     def _last_progress_at(self) -> float:
@@ -73,7 +74,10 @@ class StopProgress:
         """Return whether the stop is reported as unconfirmed: at its deadline, or once it had all its transactions."""
         if now > self.deadline:
             return True
-        had_turns = self._op.sent_count - self._sent_before_progress >= self._required_transactions()
+        required = self._required_transactions()
+        if self._op.derived.state is DriveState.UNKNOWN:  # lost replies, each followed by further stops
+            required += required // 2
+        had_turns = self._op.sent_count - self._sent_before_progress >= required
         return had_turns and now > self._deadline_after(STOP_PROGRESS_TIMEOUT_S)
 
     @property
@@ -94,16 +98,19 @@ class StopProgress:
         """Return the bus time of the verified states of all drives and of the first frames of concurrent stops.
 
         0 while no transaction shows the speed of the bus: a stop whose own frame still waits takes that of the others.
-        A drive that does not report standstill is not read, so that its stop waits for none of them.
+        0 also where the port is lost: then no stop waits for another. A drive that does not report standstill is not
+        read, so that its stop waits for none of them.
         """
+        if self._op.port_error is not None:
+            return 0.0
         if self._op.dialect.reports_run_state:
-            self._most_drives = max(self._most_drives, len({op.dialect.address for op in self._at_once}))
+            self._most_drives = max(self._most_drives, len({op.dialect.address for op in self._joint}))
             first_frames = len({op.first_frame or op for op in self._concurrent})
             self._most_first_frames = max(self._most_first_frames, min(first_frames, MAX_FIRST_FRAMES))
         self._fastest_transaction_s = _fastest_transaction_s(self._fastest_transaction_s, (self._op, *self._concurrent))
         fastest_s = self._fastest_transaction_s
         if not self._op.sent_count:  # afterwards those of other drives no longer count: this one may be silent
-            fastest_s = _fastest_transaction_s(fastest_s, self._at_once)
+            fastest_s = _fastest_transaction_s(fastest_s, self._joint)
         turns = 1.0 if self._most_drives == 1 else self._most_drives * OTHER_TURNS
         seconds = self._required_transactions() * turns * fastest_s
         return seconds if isfinite(seconds) else 0.0

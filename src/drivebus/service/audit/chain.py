@@ -179,6 +179,7 @@ class AuditChain:
         """Recover the files and open them, once. Return entries that report what was found. Raises OSError."""
         if self._is_open:
             return []
+        self._recovery_entries.clear()  # of an earlier opening that failed
         self._key = self.paths.create_key()
         checkpoint = self._load_last_checkpoint()
         files = self.paths.files()

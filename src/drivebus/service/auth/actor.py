@@ -73,7 +73,7 @@ def local_user() -> str:
     ``sudo -u drivebus`` would record all users under the name that stands for the service itself.
     """
     name = os.environ.get("SUDO_USER") or getpass.getuser()
-    return f"{name}/command-line" if name == SERVICE_NAME else name
+    return f"{name}/command-line" if name in (SERVICE_NAME, STOP_ALL_NAME) else name
 
 
 def local_actor(name: str, session: str) -> Actor:

@@ -224,9 +224,9 @@ class DriveCommands:
         self.plant.record_stop_request(runtime, by=actor.name, kind=kind)
         if params.assume_model:
             runtime.drive.assume_model()
-        at_once = self.plant.bus_of(runtime).automatic_stops if kind == "automatic" else None
+        joint = self.plant.bus_of(runtime).automatic_stops if kind == "automatic" else None
         stops: dict[str, Callable[[], Awaitable[Outcome]]] = {
-            "stop": partial(runtime.drive.stop, at_once=at_once),
+            "stop": partial(runtime.drive.stop, joint=joint),
             "coast": runtime.drive.coast,
             "quick_stop": runtime.drive.quick_stop,
         }

@@ -66,7 +66,7 @@ class StopPolicies:
     def _on_hand_over_unused(self, runtime: DriveRuntime, owner: str) -> None:
         """Handle control that was handed over and never used: the drive goes on as after a release, with an alarm."""
         self.plant.publish_event("lease", runtime.id, "plant.control_not_taken", actor=owner, owner=owner)
-        if runtime.may_be_running or runtime.turned_last:
+        if runtime.may_turn:
             self._alarm_control_lost(runtime, sentence="control_not_taken", owner=owner)
 
     def _alarm_control_lost(self, runtime: DriveRuntime, **params: str) -> None:
@@ -85,7 +85,7 @@ class StopPolicies:
             self.plant.raise_alarm(SystemAlarm.RUNNING_AT_START, runtime.id)
 
     def enforce_interlocks(self, views: Mapping[str, DriveView], now: float) -> None:
-        """Stop every drive that may be running with a tripped interlock of the action ``stop``, and raise its alarm.
+        """Stop every drive that may turn and has a tripped interlock of the action ``stop``, and raise its alarm.
 
         A tripped interlock of drives at standstill is no alarm: at rest, a plant has many. Each trip is announced once.
         """
@@ -100,9 +100,9 @@ class StopPolicies:
                 self._stop_tripped(runtime)
 
     def _stop_tripped(self, runtime: DriveRuntime) -> None:
-        """Stop a drive with a tripped interlock that runs, or ran when its state was known last."""
+        """Stop a drive that may turn, where an interlock of it is tripped."""
         tripped = self.plant.interlocks.tripped_stops(runtime.id)
-        if not tripped or not (runtime.may_be_running or runtime.turned_last):
+        if not tripped or not runtime.may_turn:
             self._announced_trips.pop(runtime.id, None)
         elif not runtime.drive.stopping and runtime.id not in self._stopping:
             self._start_stop(runtime)

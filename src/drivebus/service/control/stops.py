@@ -11,7 +11,7 @@ from drivebus.drives import stop_bus
 from drivebus.drives.bus_stop import StopReport
 from drivebus.drives.outcome import Outcome
 from drivebus.drives.state import DriveState
-from drivebus.drives.stop_supervisor import StopsAtOnce
+from drivebus.drives.stop_supervisor import JointStops
 from drivebus.errors import DrivebusError
 from drivebus.service.alarms import SystemAlarm
 from drivebus.service.api.command_records import record_or_queue
@@ -103,13 +103,13 @@ class StopCommands(PlantListener):
         """Stop drives at once; return the outcome or error of each."""
         stopped = list(runtimes)
         self.plant.record_stop_request(*stopped, by=actor.name, kind="group")
-        at_once: defaultdict[Bus, StopsAtOnce] = defaultdict(StopsAtOnce)
-        answers = await asyncio.gather(*(self._stop_one(runtime, actor, at_once[runtime.bus]) for runtime in stopped))
+        joint: defaultdict[Bus, JointStops] = defaultdict(JointStops)
+        answers = await asyncio.gather(*(self._stop_one(runtime, actor, joint[runtime.bus]) for runtime in stopped))
         return {runtime.id: answer for runtime, answer in zip(stopped, answers, strict=True)}
 
-    async def _stop_one(self, runtime: DriveRuntime, actor: Actor, at_once: StopsAtOnce) -> Json:
+    async def _stop_one(self, runtime: DriveRuntime, actor: Actor, joint: JointStops) -> Json:
         try:
-            outcome = await self.commands.finish_stop(runtime, runtime.drive.stop(at_once=at_once))
+            outcome = await self.commands.finish_stop(runtime, runtime.drive.stop(joint=joint))
         except DrivebusError as error:
             return error_to_json(error)
         answer: Json = self.commands.publish_outcome(runtime, "stop", outcome, actor)["outcome"]
@@ -130,7 +130,7 @@ class StopCommands(PlantListener):
         """
         plant, actor = self.plant, self.service_actor
         timeout_at = plant.now() + SERVICE_STOP_TIMEOUT_S
-        at_once: defaultdict[Bus, StopsAtOnce] = defaultdict(StopsAtOnce)
+        joint: defaultdict[Bus, JointStops] = defaultdict(JointStops)
         stops: dict[DriveRuntime, asyncio.Task[Json]] = {}
         requests: dict[DriveRuntime, asyncio.Task[int | None]] = {}
         while plant.now() < timeout_at:
@@ -138,8 +138,7 @@ class StopCommands(PlantListener):
             started = [runtime for runtime in others if _stops_with_service(runtime)]
             plant.record_stop_request(*started, by=actor.name, kind="service")
             stops |= {
-                runtime: asyncio.create_task(self._stop_one(runtime, actor, at_once[runtime.bus]))
-                for runtime in started
+                runtime: asyncio.create_task(self._stop_one(runtime, actor, joint[runtime.bus])) for runtime in started
             }
             # These tasks begin after those of the stops, whose first frames are queued then.
             requests |= {runtime: asyncio.create_task(self._record_request(runtime)) for runtime in started}

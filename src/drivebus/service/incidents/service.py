@@ -93,7 +93,9 @@ class IncidentService(PlantListener):
         assert alarm.incident is not None
         try:
             await asyncio.to_thread(self._store.rename, alarm.incident, alarm.as_json())
-        except (OSError, NotFound) as error:
+        except NotFound:  # deleted meanwhile, because newer ones took its place
+            pass
+        except OSError as error:
             self.recorder.report_failure(alarm.drive, error)
 
     async def _bus_snapshot(self, drive: str) -> BusSnapshot | None:

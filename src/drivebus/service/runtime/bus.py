@@ -14,7 +14,7 @@ from drivebus.bus.load import estimate_bus_load
 from drivebus.bus.trace import TraceEvent
 from drivebus.drives.outcome import Outcome
 from drivebus.drives.state import DriveStatus
-from drivebus.drives.stop_supervisor import StopsAtOnce
+from drivebus.drives.stop_supervisor import JointStops
 from drivebus.drives.store import Store
 from drivebus.errors import DrivebusError
 from drivebus.profiles.model import DriveProfile
@@ -64,7 +64,7 @@ class BusRuntime:
 
         Many at once would go before the reads that confirm a stop.
         """
-        self.automatic_stops = StopsAtOnce()
+        self.automatic_stops = JointStops()
         """Stops by interlocks and other policies, which often concern all drives of a bus."""
         self.problem: DrivebusError | None = None
         """Reason why the bus is not open."""

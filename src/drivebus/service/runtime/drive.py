@@ -143,9 +143,9 @@ class DriveRuntime:
         return self.runs_for_service or self.turning
 
     @property
-    def turned_last(self) -> bool:
-        """Whether its state is not known now, and its motor turned when it was known last."""
-        return self.state_is_unknown and self.last_known_turning
+    def may_turn(self) -> bool:
+        """Whether it may be running, or its state is not known now although it answers, and it turned the last time."""
+        return self.may_be_running or (self.is_online and self.state_is_unknown and self.last_known_turning)
 
     @property
     def turning(self) -> bool:
@@ -186,6 +186,8 @@ class DriveRuntime:
 
     def end_motion(self) -> None:
         """Record that it stands still: a later motion is not of this service, nor at its frequency."""
+        if self.state_is_unknown:
+            self.last_known_turning = False
         if self.started_by_service or self.adopted:
             self.commanded_hz = None
         self.started_by_service = self._started_before = self.adopted = False
