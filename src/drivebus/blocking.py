@@ -37,6 +37,7 @@ from drivebus.drives.operations.loopback import LoopbackReport
 from drivebus.drives.operations.status import CommLossReport
 from drivebus.drives.outcome import FrameExchange, Outcome
 from drivebus.drives.state import Direction, DriveStatus
+from drivebus.drives.stop_supervisor import JointStops
 from drivebus.drives.store import Store
 from drivebus.errors import Superseded
 from drivebus.profiles.model import DriveProfile
@@ -310,8 +311,8 @@ class Drive:
     def assume_model(self) -> None:
         self.drive.assume_model()
 
-    def stop(self, *, wait: bool = True) -> Outcome:
-        return self._bus.run(self.drive.stop(wait=wait))
+    def stop(self, *, wait: bool = True, joint: JointStops | None = None) -> Outcome:
+        return self._bus.run(self.drive.stop(wait=wait, joint=joint))
 
     def coast(self, *, wait: bool = True) -> Outcome:
         return self._bus.run(self.drive.coast(wait=wait))

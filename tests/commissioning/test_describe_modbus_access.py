@@ -108,7 +108,7 @@ def test_the_bits_of_a_status_word_and_of_the_fault_words_are_named() -> None:
     fields = reply_fields("vc660", modbus.ReadRegisters(1, 0x3016, 3), modbus.RegisterValues(1, 3, (1, 0x8000, 3)))
     first, second, warning = fields["values"]
     assert [fault.en for fault in first["faults"]] == ["under-voltage"]
-    assert [fault.en.split()[:2] for fault in second["faults"]] == [["bit", "31"]]
+    assert [fault.en.split()[:3] for fault in second["faults"]] == [["fault", "bit", "31,"]]
     assert "faults" not in warning and "status_bits" not in warning
 
 
