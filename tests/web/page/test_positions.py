@@ -72,7 +72,7 @@ def test_a_long_fault_text_is_whole_on_a_desktop_and_with_its_failed_reset_on_a_
     hidden = "(one) => one.scrollHeight - one.clientHeight"
     assert page.locator(".active-fault").evaluate(hidden) <= 1, "the box is too small for what is in it"
     page.click(".active-fault [data-do=remedy]")
-    title = page.locator("dialog h2", has_text="see the fault list of the VC660 manual")
+    title = page.locator("dialog h2", has_text="see the VC660 manual")
     assert title.evaluate(hidden) <= 1
     page.keyboard.press("Escape")
     page.click("[data-do=take]")
