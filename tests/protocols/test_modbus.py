@@ -272,6 +272,20 @@ def test_every_function_goes_there_and_back(codec: Codec, asked: ModbusRequest) 
     assert codec.address_of(asked) == 3
 
 
+def test_requests_of_two_kinds_are_never_equal() -> None:
+    """The bus finds the bytes of a request by its value: of two equal ones, the second would send the first's frame."""
+    requests = [
+        ReadRegisters(3, 1, 1, 3),
+        ReadBits(3, 1, 1, 3),
+        WriteRegister(3, 1, 1),
+        WriteBit(3, 1, True),
+        WriteRegisters(3, 1, (1,)),
+        WriteBits(3, 1, (True,)),
+        Diagnostics(3, 1),
+    ]
+    assert len(set(requests)) == len(requests)
+
+
 def test_ascii_lengths_are_those_of_the_df800_table() -> None:
     codec = ModbusAsciiCodec("short")
     assert len(codec.encode_request(ReadRegisters(1, 0, 4))) == len(codec.encode_request(WriteRegister(1, 0, 4))) == 17

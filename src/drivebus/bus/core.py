@@ -69,11 +69,12 @@ from drivebus.bus.failure_reason import (
     failure_reason,
     shows_a_reply,
 )
-from drivebus.bus.messages import BusRequest, BusResult, RequestPriority
+from drivebus.bus.messages import BusRequest, BusResult
 from drivebus.bus.prepared_request import (
     MOTION_EFFECT,
     NO_EFFECT,
     STOP_EFFECT,
+    STOP_PRIORITY,
     Poll,
     PreparedPoll,
     PreparedRequest,
@@ -96,7 +97,7 @@ from drivebus.errors import (
 )
 from drivebus.serial_settings import ANY_REPLY_LATENESS_S, SerialSettings
 
-STOP_PRIORITY, ONLINE = RequestPriority.STOP, StationState.ONLINE  # a member read from its class takes longer
+ONLINE = StationState.ONLINE  # a member read from its class takes longer
 HOST_STALL_TOLERANCE_S = 0.2  # bytes read so late, because the host was busy, may have come in time: still decoded
 SYNC_REJECTIONS_REQUIRED = 3  # error replies in a row that count as a sync: no station has so many late replies
 

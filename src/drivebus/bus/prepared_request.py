@@ -15,6 +15,7 @@ from drivebus.serial_settings import SerialSettings
 
 # Read from its class, a member takes four times as long.
 NO_EFFECT, MOTION_EFFECT, STOP_EFFECT = Effect.NONE, Effect.MOTION, Effect.STOP
+STOP_PRIORITY, COMMAND_PRIORITY = RequestPriority.STOP, RequestPriority.COMMAND
 READ_ATTEMPTS = 2  # a read is retried once
 IDEMPOTENT_ATTEMPTS = 3  # an idempotent write is resent at most twice; every other frame is sent once
 
@@ -166,8 +167,8 @@ def _check_broadcast(prepared: PreparedRequest, stations: Mapping[int, Station])
 def priority_of(bus_request: BusRequest, effect: Effect) -> RequestPriority:
     """Return the priority: a stop is a stop whatever was requested, and nothing else uses its priority."""
     if effect is STOP_EFFECT:
-        return RequestPriority.STOP
-    return RequestPriority.COMMAND if bus_request.priority is RequestPriority.STOP else bus_request.priority
+        return STOP_PRIORITY
+    return COMMAND_PRIORITY if bus_request.priority is STOP_PRIORITY else bus_request.priority
 
 
 @dataclass(frozen=True, slots=True)

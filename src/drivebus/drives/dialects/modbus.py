@@ -194,7 +194,7 @@ class ModbusDialect(Dialect):
         if self._features.loopback:
             return Diagnostics(self.address, (self._nonce_start + n * LOOPBACK_NONCE_STEP) & 0xFFFF)
         if self._features.rejected_read:
-            return replace(self.echo_test_read(), count=self._features.rejected_read)
+            return self.echo_test_read()._replace(count=self._features.rejected_read)
         return self._sync_spans[n // 2 % len(self._sync_spans)].request(self.address)
 
     def is_valid_sync_reply(self, reply: Any) -> bool:
