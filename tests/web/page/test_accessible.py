@@ -9,7 +9,7 @@ import pytest
 from drivebus import i18n
 from fixtures.axe import axe_violations
 from fixtures.browser import Stage, log_in
-from fixtures.browser_actions import DRAWN, NEW_HEADING, go_to, trip
+from fixtures.browser_actions import DRAWN, NEW_HEADING, go_to, hold_topics, show_topics, trip
 
 WAYS = {
     "fleet": ".tile",
@@ -162,6 +162,7 @@ THIRTY_GROUPS = """() => import('/static/js/store.js').then((store) => {
 def test_the_stops_of_thirty_groups_are_all_in_sight(visit: Any) -> None:
     """Regression: on a wide screen eight were, in one column that scrolls."""
     page = visit("#/fleet")
+    hold_topics(page)
     page.evaluate(THIRTY_GROUPS)
     page.locator("[data-stop=groups]").click()
     page.locator(".stopmenu .stop").nth(29).wait_for()
@@ -177,10 +178,7 @@ def test_a_long_name_of_the_plant_leaves_the_links_and_the_account_in_one_row(vi
     page = visit("#/fleet", language=language)
     height = page.locator(".head").bounding_box()["height"]
     title = {"en": "Works 3, dyeing and finishing", "zh": "三厂染整车间与污水处理站及锅炉房"}
-    page.evaluate(
-        "(title) => import('/static/js/store.js').then((store) => store.applyDelta({ topics: { plant: { title } } }))",
-        title,
-    )
+    show_topics(page, {"plant": {"title": title}})
     page.locator(".head .plant", has_text=title[language]).wait_for()
     assert page.locator(".head").bounding_box()["height"] <= height + 6
 
@@ -251,6 +249,7 @@ def test_no_alarm_notice_or_outcome_moves_a_button_under_the_finger(
     page.locator(".tile >> nth=4" if width > 360 else ".control [data-do=stop]").wait_for()
     page.evaluate(DRAWN)
     before = page.evaluate(PLACES)
+    hold_topics(page)
     assert page.evaluate(NEWS.replace("CLEARED_MS", cleared_ms)) == 4
     assert len(before) > 5 and page.evaluate(PLACES) == before
 

@@ -9,13 +9,11 @@ import pytest
 
 from drivebus import i18n
 from fixtures.browser import Stage, log_in, wait_until_live
+from fixtures.browser_actions import show_topics
 
 BROKEN = "[data-text=broken]"
 LOG_OUT = ".account .button:last-child"
-BREAK_TILE = """async () => {
-  const { applyDelta } = await import('/static/js/store.js');
-  applyDelta({ topics: { 'drives/fan-1': { comm_loss: null, limits: null, commanded_hz: 'x' } } });
-}"""
+BROKEN_DRIVE = {"drives/fan-1": {"comm_loss": None, "limits": None, "commanded_hz": "x"}}
 """View of a drive of a shape that the page does not know, as of a service of another version."""
 
 
@@ -55,7 +53,7 @@ def test_a_broken_tab_leaves_the_control_of_its_drive_and_is_drawn_again_on_requ
 def test_a_tile_that_cannot_be_drawn_shows_no_value_of_before(page: Any) -> None:
     """Preact leaves what was drawn before an error: its frequency would count as live for ever."""
     page.locator(".tile").nth(4).wait_for()
-    page.evaluate(BREAK_TILE)
+    show_topics(page, BROKEN_DRIVE)
     page.locator(f".tiles {BROKEN}", has_text="Supply fan").wait_for()
     assert page.locator(".tile").count() == 4
     page.locator(".tilestop").first.click()

@@ -10,7 +10,7 @@ import pytest
 from drivebus import i18n
 from drivebus.service.alarms import SystemAlarm
 from fixtures.browser import Stage
-from fixtures.browser_actions import DRAWN, expecting, trip, unplugged
+from fixtures.browser_actions import DRAWN, expecting, hold_topics, trip, unplugged
 
 FANS = ("fan-1", "fan-2", "fan-3")
 
@@ -237,6 +237,7 @@ def test_the_mark_of_an_alarm_that_moves_in_the_list_shows_whether_it_still_hold
     """Regression: the mark of an alarm that still held was without its colour, and that of a cleared one had it."""
     page = visit("#/alarms", role="operator")
     page.locator("h1").wait_for()
+    hold_topics(page)
     assert page.evaluate(WRONG_MARKS) == []
 
 

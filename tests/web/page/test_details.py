@@ -13,7 +13,7 @@ from drivebus import errors, i18n, profiles
 from drivebus.bus.core import UntrustedReply
 from fixtures.axe import axe_violations
 from fixtures.browser import Stage
-from fixtures.browser_actions import NEW_HEADING, expecting, go_to, page_text, trip
+from fixtures.browser_actions import NEW_HEADING, expecting, go_to, page_text, show_topics, trip
 
 
 def open_history(page: Any) -> None:
@@ -244,8 +244,5 @@ def test_a_search_of_the_faults_finds_their_words_and_no_names_of_fields(visit: 
 def test_the_groups_of_a_drive_stand_apart_from_each_other(visit: Any) -> None:
     """Regression: *Section 1 Ends of all lines* read as the name of one group."""
     page = visit("#/drive/fan-1")
-    page.evaluate("""async () => {
-      const store = await import('/static/js/store.js');
-      store.applyDelta({ topics: { 'drives/fan-1': { groups: ['air', 'water'] } } });
-    }""")
+    show_topics(page, {"drives/fan-1": {"groups": ["air", "water"]}})
     expecting()(page.locator(".identity")).to_contain_text("· Air · Water")

@@ -10,7 +10,7 @@ import pytest
 
 from drivebus import i18n, profiles
 from fixtures.browser import Stage
-from fixtures.browser_actions import DRAWN, expecting, trip
+from fixtures.browser_actions import DRAWN, expecting, hold_topics, show_topics, trip
 
 
 def call(page: Any, module: str, expression: str) -> Any:
@@ -183,12 +183,9 @@ def test_the_fault_of_a_dense_tile_fills_its_line(visit: Any) -> None:
     page.evaluate("localStorage.setItem('drivebus.fleet', JSON.stringify({ size: 'dense' }))")
     page.reload()
     page.locator(".tiles.dense .tile").nth(4).wait_for()
-    page.evaluate("""async () => {
-      const store = await import('/static/js/store.js');
-      const text = { en: 'see 3016H/3017H/3018H/3019H/3020H of the manual', zh: 'x' };
-      const fault = { code: 6, label: 'E6', text, cause: null, remedy: null };
-      store.applyDelta({ topics: { 'drives/fan-1': { state: 'fault', fault } } });
-    }""")
+    text = {"en": "see 3016H/3017H/3018H/3019H/3020H of the manual", "zh": "x"}
+    view = {"code": 6, "label": "E6", "text": text, "cause": None, "remedy": None}
+    show_topics(page, {"drives/fan-1": {"state": "fault", "fault": view}})
     fault = page.locator(".tilefault", has_text="3016H").first
     fault.wait_for()
     lines = fault.evaluate("""(one) => {
@@ -215,13 +212,7 @@ def test_a_tile_shows_the_whole_text_of_a_fault_that_the_manual_does_not_name(
         "cause": None,
         "remedy": None,
     }
-    page.evaluate(
-        """async (fault) => {
-      const store = await import('/static/js/store.js');
-      store.applyDelta({ topics: { 'drives/fan-1': { state: 'fault', fault } } });
-    }""",
-        view,
-    )
+    show_topics(page, {"drives/fan-1": {"state": "fault", "fault": view}})
     text = page.locator(".tilefault").first
     text.wait_for()
     hidden = text.evaluate("one => one.scrollHeight - one.clientHeight")
@@ -279,6 +270,7 @@ def test_a_drive_that_trips_moves_no_tile(stage: Stage, visit: Any, size: str, w
     page.reload()
     page.locator(".tile").nth(4).wait_for()
     page.evaluate(DRAWN)
+    hold_topics(page)
     assert page.evaluate(TURNS) == []
 
 
@@ -303,6 +295,7 @@ def test_a_fault_beside_a_note_shows_whole_lines(visit: Any, width: int, languag
     """Regression: on a phone the second line of the fault was cut through its middle."""
     page = visit("#/fleet", size=(width, 740), language=language)
     page.locator(".tile").nth(4).wait_for()
+    hold_topics(page)
     rests = page.evaluate(TWO_TEXTS)
     assert len(rests) >= 8 and set(rests) == {0}
 
@@ -443,6 +436,7 @@ def test_a_tile_that_moves_as_it_trips_or_is_reset_is_drawn_by_its_new_state(vis
     page = visit("#/fleet", size=(1440, 900))
     page.locator(".tile").nth(4).wait_for()
     page.get_by_label(i18n.text("page.sort", "en")).select_option("urgency")
+    hold_topics(page)
     assert page.evaluate(WRONG_TILES) == []
 
 
@@ -575,6 +569,7 @@ def test_an_unconfirmed_stop_is_whole_in_a_tile(visit: Any, language: str, text:
     """Regression: "Stop not confirmed yet, bein…"."""
     page = visit("#/fleet", size=(width, 740), language=language)
     page.locator(".tile").nth(4).wait_for()
+    hold_topics(page)
     ((shown, hidden),) = page.evaluate(PENDING, "fan-1")
     assert shown == text and hidden < 8  # less than a line
 

@@ -8,7 +8,7 @@ import pytest
 
 from drivebus import i18n
 from fixtures.browser import Stage
-from fixtures.browser_actions import go_to
+from fixtures.browser_actions import go_to, hold_topics, show_topics
 
 BOTTOMS = """all => new Set(all.filter((one) => one.offsetParent)
   .map((one) => Math.round(one.getBoundingClientRect().bottom))).size"""
@@ -49,8 +49,7 @@ def test_the_header_of_a_tablet_is_one_row(visit: Any, language: str) -> None:
     page = visit("#/fleet", size=(1180, 820), language=language)
     page.locator(".tile").nth(4).wait_for()
     title = {"en": "Rolling mill, second hall", "zh": "第二轧钢车间的冷却与除鳞系统"}
-    give = "async (title) => (await import('/static/js/store.js')).applyDelta({ topics: { plant: { title } } })"
-    page.evaluate(give, title)
+    show_topics(page, {"plant": {"title": title}})
     page.locator(".head .plant", has_text=title[language]).wait_for()
     assert page.locator(".head").bounding_box()["height"] <= 64
 
@@ -61,11 +60,8 @@ def test_values_of_neighbouring_tiles_stand_at_one_height_below_names_of_one_and
     """Regression: below a name of two lines state and frequency stood a line lower than beside it."""
     page = visit("#/fleet", size=(1440, 900))
     page.locator(".tile").nth(4).wait_for()
-    page.evaluate("""async () => {
-      const store = await import('/static/js/store.js');
-      const title = { en: 'Roller table motor of the second stand', zh: '辊道电机' };
-      store.applyDelta({ topics: { 'drives/fan-2': { title } } });
-    }""")
+    title = {"en": "Roller table motor of the second stand", "zh": "辊道电机"}
+    show_topics(page, {"drives/fan-2": {"title": title}})
     page.locator(".tilename", has_text="second stand").wait_for()
     heights = page.locator(".tilename").evaluate_all("all => new Set(all.map((one) => one.offsetHeight)).size")
     assert heights > 1
@@ -79,16 +75,8 @@ def test_the_stops_of_a_drive_and_of_its_group_differ_on_a_phone(
 ) -> None:
     """Regression: *Press section motor 1-1* and *Press section* both read *Press section*."""
     page = visit("#/drive/fan-1", size=size)
-    page.evaluate("""async () => {
-      const store = await import('/static/js/store.js');
-      const named = (en) => ({ title: { en, zh: en } });
-      const [own, all] = [named('Press section motor 1-1'), named('Press section')];
-      const rename = () => {
-        store.applyDelta({ topics: { 'drives/fan-1': own, 'groups/air': all } });
-        requestAnimationFrame(rename);
-      };
-      rename();
-    }""")  # in each frame: a message of the service brings the own names back
+    names = {"drives/fan-1": "Press section motor 1-1", "groups/air": "Press section"}
+    show_topics(page, {topic: {"title": {"en": name, "zh": name}} for topic, name in names.items()})
     own = page.locator("[data-stop=drive] .what")
     expect(own).to_contain_text("motor 1-1")
     assert own.evaluate("(one) => one.scrollHeight <= one.clientHeight"), "its end is cut off"
@@ -131,13 +119,10 @@ def test_values_of_tiles_on_a_phone_stand_at_one_height_also_where_one_is_not_kn
     """Regression: beside a dash the sparkline took the row of the value, and the tile was a row shorter."""
     page = visit("#/fleet", size=(360, 800))
     page.locator(".tile").nth(4).wait_for()
-    page.evaluate("""async () => {
-      const store = await import('/static/js/store.js');
-      const none = { value: null, unit: 'Hz', quality: 'bad', reason: null, source_time_ms: null };
-      const title = { en: 'Fan', zh: '风机' };
-      const topics = { 'drives/fan-1': { title, signals: { output_frequency: none } }, 'drives/fan-2': { title } };
-      store.applyDelta({ topics });
-    }""")
+    unknown = {"value": None, "unit": "Hz", "quality": "bad", "reason": None, "source_time_ms": None}
+    title = {"title": {"en": "Fan", "zh": "风机"}}
+    signals = {"signals": {"output_frequency": unknown}}
+    show_topics(page, {"drives/fan-1": title | signals, "drives/fan-2": title})
     page.locator("[data-drive=fan-1] .value.none").wait_for()
     bottoms = "(one) => Math.round(one.getBoundingClientRect().bottom)"
     states = page.locator("[data-drive=fan-1] .state, [data-drive=fan-2] .state")
@@ -148,6 +133,7 @@ def test_the_title_of_a_cleared_alarm_has_its_place_in_the_strip_of_a_phone(visi
     """Regression: beside the word "cleared" it was "Descali…ng pump" in letters of three lines."""
     page = visit("#/fleet", size=(360, 800))
     page.locator(".tile").nth(4).wait_for()
+    hold_topics(page)
     page.evaluate("""async () => {
       const store = await import('/static/js/store.js');
       const text = { en: 'No usable reply', zh: 'x' };
@@ -204,8 +190,7 @@ def test_a_lost_connection_moves_no_button(stage: Stage, visit: Any, size: tuple
     page = visit("#/fleet", size=size, language=language)
     page.locator(".tile").nth(4).wait_for()
     title = {"en": "Rolling mill, second hall", "zh": "第二轧钢车间的冷却与除鳞系统"}
-    give = "async (title) => (await import('/static/js/store.js')).applyDelta({ topics: { plant: { title } } })"
-    page.evaluate(give, title)
+    show_topics(page, {"plant": {"title": title}})
     page.locator(".head .plant", has_text=title[language]).wait_for()
     places = "all => all.map((one) => [one.getBoundingClientRect()].map(({ x, y }) => [x, y].map(Math.round)))"
     before = page.evaluate(PLACES), page.locator(".head button").evaluate_all(places)

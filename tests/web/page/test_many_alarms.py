@@ -11,7 +11,7 @@ import pytest
 
 from drivebus import i18n
 from fixtures.browser import Stage, wait_until_live
-from fixtures.browser_actions import DRAWN, expecting, trip
+from fixtures.browser_actions import DRAWN, expecting, hold_topics, trip
 
 FANS = ("fan-1", "fan-2", "fan-3")
 STORM = """async () => {
@@ -41,6 +41,7 @@ def test_alarms_that_follow_each_other_closely_sound_one_after_the_other(visit: 
     page = visit("#/fleet", role="operator")
     page.locator(".tile").first.wait_for()
     page.keyboard.press("Tab")
+    hold_topics(page)
     marks = page.evaluate(STORM)
     tones = list(zip(marks[::2], marks[1::2], strict=True))
     assert all(end <= begin for (_, end), (begin, _) in itertools.pairwise(tones))
@@ -212,4 +213,5 @@ def test_no_line_ends_within_the_number_of_a_drive(visit: Any) -> None:
     """Regression: of "Circulation pump 1-02" a tile had "1-" in one line and "02" in the next."""
     page = visit("#/fleet", size=(390, 844))
     page.locator(".tilename").first.wait_for()
+    hold_topics(page)
     assert set(page.evaluate(LINES_OF_A_NUMBER)) == {1}

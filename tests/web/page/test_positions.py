@@ -9,7 +9,7 @@ import pytest
 from drivebus import i18n
 from drivebus.service.alarms import SystemAlarm
 from fixtures.browser import Stage
-from fixtures.browser_actions import DRAWN, expecting, trip
+from fixtures.browser_actions import DRAWN, expecting, hold_topics, show_topics, trip
 
 BUTTONS = """() => Object.fromEntries([...document.querySelectorAll(
     "main :is(button, summary, [role=tab]):not(.active-fault *, .confirm *)")].filter((one) => one.offsetParent)
@@ -108,6 +108,7 @@ def test_no_note_on_the_state_of_a_drive_moves_its_control_panel(visit: Any, wid
     """Regression: on a phone the reason of an unknown state pushed the buttons down by a line."""
     page = visit("#/drive/fan-1", language=language, size=(width, 740))
     page.locator(".control [data-do=stop]").wait_for()
+    hold_topics(page)
     heights = page.evaluate(STATE_NOTES)
     assert len(heights) == 5 and set(heights) == {heights[0]}
 
@@ -128,6 +129,7 @@ def test_a_tap_on_the_notes_on_the_state_of_a_drive_shows_all_of_them(visit: Any
     """Regression: a touch screen had no way to the third line."""
     page = visit("#/drive/fan-1", language="en", size=(width, 740))
     page.locator(".control [data-do=stop]").wait_for()
+    hold_topics(page)
     assert page.evaluate(NOTES_CUT_OFF) <= 4
 
 
@@ -165,14 +167,8 @@ def test_a_drive_that_reports_no_faults_has_no_empty_place_for_one(visit: Any) -
     """Regression: the page of a DF800 had a gap of 106 px below its title."""
     page = visit("#/drive/fan-1")
     page.locator(".fault-place").wait_for()
-    page.evaluate("""async () => {
-      const store = await import('/static/js/store.js');
-      const change = { capabilities: ['run', 'stop'], state: 'unknown' };
-      while (document.querySelector('.fault-place')) {  // the plant publishes its own view of the drive meanwhile
-        store.applyDelta({ topics: { 'drives/fan-1': change } });
-        await new Promise((resolve) => { setTimeout(resolve, 50); });
-      }
-    }""")
+    show_topics(page, {"drives/fan-1": {"capabilities": ["run", "stop"], "state": "unknown"}})
+    page.locator(".fault-place").wait_for(state="detached")
 
 
 def test_a_reset_that_a_bus_stop_refuses_is_disabled_with_its_reason(stage: Stage, visit: Any) -> None:
@@ -258,18 +254,14 @@ def test_a_remedy_of_two_lines_is_whole_in_the_red_box_of_a_desktop(stage: Stage
     trip(stage, "pump-2")
     page = visit("#/drive/pump-2", size=(1440, 900), language=language)
     page.locator(".active-fault [data-do=incident]").wait_for()
-    cut = page.evaluate("""async () => {
-      const store = await import('/static/js/store.js');
-      const cause = { en: 'The motor is blocked.', zh: '电机堵转。' };
-      const remedy = { en: 'Find out what blocks the motor. '.repeat(5), zh: '先查明电机为何卡住。'.repeat(7) };
-      const lines = () => [...document.querySelectorAll('.active-fault .what > p')];
-      while (lines().length < 2) {  // the plant may publish its own text of the fault meanwhile
-        const { fault } = store.drive('pump-2').value;
-        const text = { en: 'over-current', zh: '过电流' };
-        store.applyDelta({ topics: { 'drives/pump-2': { fault: { ...fault, text, cause, remedy } } } });
-        await new Promise((resolve) => { setTimeout(resolve, 100); });
-      }
-      const [one, two] = lines();
+    text = {"en": "over-current", "zh": "过电流"}
+    cause = {"en": "The motor is blocked.", "zh": "电机堵转。"}
+    remedy = {"en": "Find out what blocks the motor. " * 5, "zh": "先查明电机为何卡住。" * 7}
+    fault = stage.view("pump-2")["fault"] | {"text": text, "cause": cause, "remedy": remedy}
+    show_topics(page, {"drives/pump-2": {"fault": fault}})
+    page.locator(".active-fault .what > p").nth(1).wait_for()
+    cut = page.evaluate("""() => {
+      const [one, two] = document.querySelectorAll('.active-fault .what > p');
       const box = document.querySelector('.active-fault').getBoundingClientRect();
       return [two.clientHeight > 1.5 * one.clientHeight, two.scrollHeight - two.clientHeight > 4,
         two.getBoundingClientRect().bottom <= box.bottom - 3];

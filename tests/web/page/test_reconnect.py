@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from fixtures.browser import Stage
+from fixtures.browser_actions import show_topics
 
 SLEPT_MS = 3 * 3_600_000
 SLEEP = "(ms) => { const now = Date.now; Date.now = () => now() + ms; }"
@@ -116,18 +117,13 @@ def test_a_page_whose_snapshot_takes_longer_than_its_first_limit_becomes_live(vi
     page.wait_for_selector(".connection.live", timeout=30_000)
 
 
-NEW_VERSION = """() => import("/static/js/store.js").then((store) => {
-  store.applyDelta({ topics: { plant: { version: "9.9.9" } } });
-})"""
-
-
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_a_page_of_an_older_version_says_so_and_is_reloaded_by_a_button(visit: Any, language: str) -> None:
     """A page left open over an update of the service mixed scripts of both versions without a word."""
     page = visit("#/fleet", language=language, size=(360, 740))
     page.locator(".tile").first.wait_for()
     assert page.locator("[data-text=new-version]").count() == 0
-    page.evaluate(NEW_VERSION)
+    show_topics(page, {"plant": {"version": "9.9.9"}})
     page.locator("[data-text=new-version]", has_text="9.9.9").wait_for()
     icon, text = (
         page.locator(f"[data-text=new-version] > {selector}").bounding_box() for selector in (".icon", "span")

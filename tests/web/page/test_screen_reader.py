@@ -8,7 +8,7 @@ import pytest
 
 from drivebus import i18n
 from fixtures.browser import Stage
-from fixtures.browser_actions import expecting, trip
+from fixtures.browser_actions import expecting, hold_topics, trip
 
 COUNTED = """async () => {
   const region = document.querySelector("[data-text=alarm]");
@@ -56,6 +56,7 @@ def test_alarms_that_follow_each_other_closely_are_announced_together(visit: Any
     page = visit("#/settings")
     page.locator("main h1").wait_for()
     page.evaluate(COUNTED)
+    hold_topics(page)
     page.evaluate(STORM)
     assert page.evaluate("window.announced.length") < 5
     page.wait_for_function("() => window.announced.length > 1 && window.announced.at(-1).includes('T19')")

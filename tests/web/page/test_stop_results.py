@@ -9,7 +9,7 @@ import pytest
 from drivebus import i18n
 from drivebus.drives.state import DriveState
 from fixtures.browser import Stage
-from fixtures.browser_actions import DRAWN, expecting, go_to, unplugged, wait_until
+from fixtures.browser_actions import DRAWN, expecting, go_to, hold_topics, unplugged, wait_until
 
 CONFIRMED_MS = 2500
 """Time in which every drive of the plant is read again after the answer to a stop."""
@@ -173,10 +173,9 @@ def test_a_motion_that_was_read_before_a_stop_is_marked_until_the_drive_is_read_
     show = """async ([state, stopped_ms]) => {
       const store = await import('/static/js/store.js');
       const last_stop = { kind: 'all', actor: 'ann', time_ms: store.serviceNow() + stopped_ms };
-      const apply = () => store.applyDelta({ topics: { 'drives/fan-1': { state, last_stop } } });
-      clearInterval(window.applying);
-      window.applying = setInterval(apply, 50);  // against what the plant publishes meanwhile
+      store.applyDelta({ topics: { 'drives/fan-1': { state, last_stop } } });
     }"""
+    hold_topics(page)
     hour_ms = 3_600_000
     running, last_known = word("drives.state_running", language), word("page.state_was", language)
     page.evaluate(show, ["running", hour_ms])
@@ -195,15 +194,14 @@ def test_a_motion_that_was_read_before_a_stop_is_marked_until_the_drive_is_read_
 def test_the_reason_of_the_last_stop_is_shown_whole(visit: Any, language: str) -> None:
     """At 1280 pixels it ended with an ellipsis, before its time."""
     page = visit("#/drive/fan-1", language=language)
+    hold_topics(page)
     overflow = page.evaluate("""async () => {
       const store = await import('/static/js/store.js');
       const found = [];
       for (const kind of ['automatic', 'test', 'all']) {
         const last_stop = { kind, actor: 'administrator', time_ms: Date.now() };
-        while (document.querySelector('.last-stop')?.dataset.stopBy !== kind) {
-          store.applyDelta({ topics: { 'drives/fan-1': { last_stop } } });  // again after each publication
-          await new Promise(requestAnimationFrame);
-        }
+        store.applyDelta({ topics: { 'drives/fan-1': { last_stop } } });
+        while (document.querySelector('.last-stop')?.dataset.stopBy !== kind) await new Promise(requestAnimationFrame);
         const text = document.querySelector('.last-stop span');
         if (text.scrollHeight > text.clientHeight) found.push(kind);
       }
