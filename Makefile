@@ -20,6 +20,9 @@ WAITING := tests/cli tests/interop tests/ports tests/gateways tests/service/proc
 DOCUMENTED := tests/test_examples.py tests/test_guides.py tests/test_api_guide.py tests/test_guide_commands.py \
 	tests/web/api/test_schemathesis.py
 
+# Python and pytest keep what they compiled: the processes of a test run would compile the same files again and again.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: help demo test check docs bench coverage mutation verify structure fuzz lock clean python
 help: ## List what can be made
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 14

@@ -78,6 +78,7 @@ def _probe(module: str, node: ast.stmt) -> ast.stmt:
 def loaded_functions(path: str) -> dict[FunctionKey, list[FunctionType]]:
     """Return every loaded function of the file ``path``, also decorated functions, properties and closures."""
     found: dict[FunctionKey, list[FunctionType]] = {}
+    gc.unfreeze()  # pytest's configuration freezes the modules that are loaded before the first test
     for candidate in gc.get_objects():
         if isinstance(candidate, FunctionType) and candidate.__code__.co_filename == path:
             code = candidate.__code__
