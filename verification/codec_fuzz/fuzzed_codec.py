@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from random import Random
 from typing import Any, Protocol
 
@@ -43,7 +43,8 @@ class ReferenceCodec(Protocol):
 
 def address_broadcast(request: Any, codec: Codec) -> Any:
     """Return the request with the broadcast address."""
-    return replace(request, address=codec.broadcast_address)
+    change = getattr(request, "_replace", None) or partial(replace, request)  # a read of registers is a named tuple
+    return change(address=codec.broadcast_address)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
