@@ -5,16 +5,19 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 
+from drivebus.cli.early_interrupt import interrupt_on_sigterm, is_early_interrupt
+
 
 def main() -> None:
     """Run the command line; without the packages of the extra ``cli`` print what to install and exit with 2.
 
-    Ctrl-C while it is loaded ends it as later, and says that nothing was sent.
+    Ctrl-C or SIGTERM while it is loaded ends it as Ctrl-C does later, and says that nothing was sent.
     """
     try:
+        interrupt_on_sigterm()
         command_line = _load()
     except (KeyboardInterrupt, RuntimeError) as error:
-        if not isinstance(error.__cause__ or error, KeyboardInterrupt):  # Python 3.11 wraps that of a class body
+        if not is_early_interrupt(error):
             raise
         import signal
 

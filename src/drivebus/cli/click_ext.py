@@ -18,6 +18,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from drivebus.cli import errors, output
+from drivebus.cli.early_interrupt import end_interrupt_on_sigterm
 from drivebus.cli.stop_errors import note_no_stop
 from drivebus.terminal import PLAIN_ENCODING, discard_output
 
@@ -222,6 +223,7 @@ class CliCommand(_LocalizedHelp, click.Command):
 
     def invoke(self, ctx: click.Context) -> Any:
         _has_begun.set(True)
+        end_interrupt_on_sigterm()
         try:
             with note_no_stop() if self.stops else nullcontext():
                 return super().invoke(ctx)

@@ -257,6 +257,32 @@ def test_a_reload_signal_during_the_start_ends_nothing(tmp_path: Path) -> None:
         process.communicate()
 
 
+@pytest.mark.parametrize("moment", ["the command line is loaded", "the file is read", "the service is imported"])
+def test_a_request_to_terminate_during_the_start_ends_it_with_a_sentence(moment: str, tmp_path: Path) -> None:
+    """It ended the process without a line, and Ctrl-C in the same moment with an empty one."""
+    module = {
+        "the command line is loaded": "drivebus.cli.main",
+        "the file is read": "drivebus.service.config.load",
+        "the service is imported": "drivebus.service.process.main",
+    }[moment]
+    program = f"""
+import os, signal, sys
+class Terminating:
+    def find_spec(self, name, *_):
+        if name == {module!r}:
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.SIGTERM)
+sys.meta_path.insert(0, Terminating())
+sys.argv[1:] = ["serve", {str(write(tmp_path))!r}, "--without", "web", "--lang", "zh"]
+from drivebus.__main__ import main
+main()
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout) == (ExitCode.INTERRUPTED, "")
+    assert ended.stderr.strip() == i18n.text("cli.interrupted_early", "zh")
+    assert not (tmp_path / "state").exists()
+
+
 def test_a_service_whose_terminal_is_closed_ends_instead_of_reloading(tmp_path: Path) -> None:
     """A closed terminal ends the service; otherwise it would keep running with its port."""
     file, (master, slave) = write(tmp_path), os.openpty()

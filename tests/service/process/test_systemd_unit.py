@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import drivebus.service
+from drivebus.cli.errors import ExitCode
 from drivebus.service.control.stops import SERVICE_STOP_TIMEOUT_S
 from drivebus.service.process.systemd import MAX_BUS_LATENESS_S
 from drivebus.service.process.tuning import NICE_GATEWAY
@@ -31,6 +32,7 @@ def test_systemd_waits_for_ready_watches_the_buses_and_leaves_time_to_stop_the_d
     assert float(unit["TimeoutStopSec"]) > 2 * SERVICE_STOP_TIMEOUT_S
     assert unit["ExecReload"].endswith("-HUP $MAINPID")
     assert unit["StateDirectoryMode"] == "0700"
+    assert unit["SuccessExitStatus"] == str(int(ExitCode.INTERRUPTED)), "ended during its start"
 
 
 def test_the_service_comes_before_other_work_of_the_machine_and_its_gateways() -> None:

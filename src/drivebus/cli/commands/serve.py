@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from drivebus.cli import output
 from drivebus.cli.click_ext import Argument, Choice, CliCommand, Option
+from drivebus.cli.early_interrupt import interrupt_on_sigterm, is_early_interrupt
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.extras import require_extra
 from drivebus.errors import ConfigurationError
@@ -20,7 +21,19 @@ if TYPE_CHECKING:
 
 
 def _serve(plant: str, without: tuple[str, ...], log: LogFormat) -> ExitCode:
+    """Run the service. A signal before it has its handlers ends it with a sentence: no port was opened until then."""
     signal.signal(signal.SIGHUP, signal.SIG_IGN)  # a reload during the start; systemd counts an end by it as clean
+    interrupt_on_sigterm()
+    try:
+        return _start(plant, without, log)
+    except (KeyboardInterrupt, RuntimeError) as error:
+        if not is_early_interrupt(error):
+            raise
+        output.print_note("cli.interrupted_early")
+        return ExitCode.INTERRUPTED
+
+
+def _start(plant: str, without: tuple[str, ...], log: LogFormat) -> ExitCode:
     from drivebus.service.config.gateways import installed_gateways
     from drivebus.service.config.load import load
     from drivebus.service.process.logging_setup import configure_logging
