@@ -55,10 +55,13 @@ class FileStore:
 
     Its owner alone has access; programs that share it read it again under a lock for each change. Raises
     ConfigurationError where it has another format, or can't be read or written: counters never start again from 0.
+    ``may_vanish`` False: also where the file is missing beside its lock, which shows that it existed.
     """
 
-    def __init__(self, path: Path | str) -> None:
+    def __init__(self, path: Path | str, *, may_vanish: bool = True) -> None:
         self.path = Path(path)
+        self._may_vanish = may_vanish
+        self._lock_path = self.path.with_suffix(".lock")
 
     def get(self, key: str) -> str | None:
         return self._read().get(key)
@@ -69,34 +72,43 @@ class FileStore:
     def update(self, key: str, change: Callable[[str | None], str]) -> None:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=atomic_write.PRIVATE_FOLDER_MODE)
-            with _locked(self.path.with_suffix(".lock")):
-                values = self._read()
-                values[key] = change(values.get(key))
-                _replace(self.path, _encode(values))
+            is_new = not self._lock_path.exists()
+            try:
+                with _locked(self._lock_path):
+                    values = {} if is_new and not self.path.exists() else self._read()
+                    values[key] = change(values.get(key))
+                    _replace(self.path, _encode(values))
+            finally:
+                if is_new and not self._may_vanish and not self.path.exists():
+                    self._lock_path.unlink(missing_ok=True)  # it would tell of a file that never existed
         except OSError as error:
             problem = SystemReason(error)
             raise ConfigurationError("drives.store_unwritable", file=str(self.path), problem=problem) from error
 
-    def put_aside(self, values: Mapping[str, str], suffix: str) -> Path:
+    def put_aside(self, values: Mapping[str, str], suffix: str) -> Path | None:
         """Keep a file that can't be read under its name with ``suffix``, replace it by a new one, return the new path.
 
-        Raises ConfigurationError. The file that can't be read stays until it is replaced: no file would read as empty.
+        None: it is missing. Raises ConfigurationError. The file that can't be read stays until it is replaced: no file
+        would read as empty.
         """
         aside = self.path.with_name(self.path.name + suffix)
         try:
-            with _locked(self.path.with_suffix(".lock")):
-                atomic_write.link_or_copy(self.path, aside)
+            with _locked(self._lock_path):
+                if found := self.path.exists():
+                    atomic_write.link_or_copy(self.path, aside)
                 _replace(self.path, _encode(values))
         except OSError as error:
             problem = SystemReason(error)
             raise ConfigurationError("drives.store_unwritable", file=str(self.path), problem=problem) from error
-        return aside
+        return aside if found else None
 
     def _read(self) -> dict[str, str]:
         try:
             document: Any = json.loads(read_regular_file(self.path).decode())
         except FileNotFoundError:
-            return {}
+            if self._may_vanish or not self._lock_path.exists():
+                return {}
+            raise ConfigurationError("drives.store_missing", file=str(self.path), lock=self._lock_path.name) from None
         except (OSError, ValueError, RecursionError) as error:  # not UTF-8 is a ValueError too
             raise ConfigurationError(
                 "drives.store_unreadable", file=str(self.path), problem=SystemReason(error)

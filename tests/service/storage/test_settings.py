@@ -92,6 +92,42 @@ async def test_the_service_starts_and_stops_with_damaged_settings_and_refuses_on
         assert not lost_alarms(service)
 
 
+async def test_limits_of_a_deleted_file_are_lost_and_not_forgotten(tmp_path: Path) -> None:
+    """A plant without the file was a new one: its drives started without the limits that an engineer had set."""
+    limits = {"drive": "fan-1", **WIDEST_LIMITS, "maximum_hz": 30.0}
+    async with service_in(tmp_path) as service:
+        assert not lost_alarms(service), "a new plant"
+    async with service_in(tmp_path) as service:
+        assert not lost_alarms(service), "a plant in which nothing was ever set"
+        await service.call("drive.limits", limits, LOCAL)
+        (tmp_path / "plant.json").unlink()
+        with pytest.raises(ConfigurationError, match="json is missing") as refused:
+            await service.call("drive.limits", limits | {"drive": "fan-2"}, LOCAL)
+        assert refused.value.key == "drives.store_missing"
+        assert service.plant.drives["fan-1"].drive.range_hz[1] == 30.0, "until the end"
+    async with service_in(tmp_path) as service:
+        assert "fan-1, fan-2, pump-1, pump-2" in lost_alarms(service)[0].text.en
+        assert "plant.limits_lost" in await blockers(service, "fan-1")
+        await service.call("drive.limits", limits, LOCAL)
+    async with service_in(tmp_path) as service:
+        assert service.plant.drives["fan-1"].drive.range_hz[1] == 30.0
+        assert "fan-2, pump-1, pump-2" in lost_alarms(service)[0].text.en
+
+
+async def test_a_first_setting_that_could_not_be_stored_is_no_loss(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    async with service_in(tmp_path) as service:
+        with monkeypatch.context() as full_disk, pytest.raises(ConfigurationError, match="No space left"):
+            full_disk.setattr(store, "_replace", fail)
+            await service.call("drive.limits", {"drive": "fan-1", **WIDEST_LIMITS}, LOCAL)
+    async with service_in(tmp_path) as service:
+        assert not lost_alarms(service)
+
+
 @pytest.mark.parametrize("failing", ["link", "replace"])
 async def test_a_damaged_file_that_cannot_be_replaced_stays_and_its_limits_count_as_lost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: str

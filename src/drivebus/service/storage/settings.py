@@ -1,7 +1,7 @@
 """Waivers, limits and communication-loss tests of drives, read back after a restart, also from a damaged file.
 
 A file that can't be read is put aside, and the new one names the drives whose limits are lost with it: a start without
-them might be too fast for the machine.
+them might be too fast for the machine. So does the new one where the file is missing beside its lock.
 """
 
 from __future__ import annotations
@@ -132,7 +132,10 @@ def _stored_record(store: Store, drive: str) -> CommLossRecord | None:
 
 
 def recover_settings(store: FileStore, drives: Iterable[str], now_ms: int) -> None:
-    """Put a settings file that can't be read aside. Never raises: where that fails, it stays and is read as lost."""
+    """Put a settings file that can't be read aside, and replace a missing one.
+
+    Never raises: where that fails, it stays and is read as lost.
+    """
     try:
         store.get(LOST_LIMITS_KEY)
     except ConfigurationError as error:
@@ -142,4 +145,5 @@ def recover_settings(store: FileStore, drives: Iterable[str], now_ms: int) -> No
             language = i18n.preferred()
             LOG.error(i18n.join((error.text(language), failure.text(language)), "clauses", language))
         else:
-            LOG.error(i18n.preferred_text("log.put_aside", why=error, copy=aside))
+            put_aside = i18n.preferred_text("log.put_aside", why=error, copy=aside)
+            LOG.error(error.text(i18n.preferred()) if aside is None else put_aside)

@@ -42,7 +42,7 @@ class Storage:
             run_statistics=RunStatisticsStore(historian),
             alarm_log=AlarmLog(directory / ALARM_LOG_FILE),
             incidents=IncidentStore(directory / "incidents"),
-            settings=FileStore(directory / SETTINGS_FILE),
+            settings=FileStore(directory / SETTINGS_FILE, may_vanish=False),
         )
 
     def errors(self) -> dict[str, Exception | None]:
