@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import json
 import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 
 import pytest
+from click.testing import CliRunner, Result
 
 from drivebus.cli.commands import stop
+from drivebus.cli.main import cli
 from drivebus.errors import ConfigurationError
 from drivebus.service.ipc import protocol
 from drivebus.service.ipc.client import SocketClient
@@ -24,10 +28,10 @@ from drivebus.service.ipc.protocol import (
     socket_path,
 )
 from drivebus.service.process import lock, main
-from drivebus.service.process.lock import single_instance
+from drivebus.service.process.lock import directory_problems, single_instance
 from drivebus.service.process.logging_setup import RepetitionFilter
 from fixtures.receiver import wait_until
-from fixtures.service import LOCAL, plant_config, running_service
+from fixtures.service import LOCAL, SHOP_FILE, plant_config, running_service
 
 
 @pytest.fixture
@@ -209,6 +213,46 @@ def test_a_service_on_a_directory_that_became_writable_finds_the_one_that_runs(
         monkeypatch.undo()
         with pytest.raises(ConfigurationError, match="already uses"), single_instance(tmp_path):
             pass
+
+
+def test_a_folder_in_the_place_of_the_lock_file_keeps_no_service_from_starting_and_is_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    tmp_path.chmod(0o700)
+    folder = tmp_path / "service.lock"
+    folder.mkdir()
+    with single_instance(tmp_path), pytest.raises(ConfigurationError, match="already uses"), single_instance(tmp_path):
+        pass
+    assert f"{folder} is a folder" in caplog.text and "remove it" in caplog.text
+    assert [error.key for error in directory_problems(tmp_path)] == ["plant.lock_is_folder"]
+
+
+def test_check_names_a_state_directory_that_cannot_be_written_with_its_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was silent, and the service then refused every start."""
+    state, plant = tmp_path / "state", tmp_path / "plant.toml"
+    plant.write_text(SHOP_FILE)
+
+    def run(*options: str) -> Result:
+        found = CliRunner().invoke(cli, ["check", str(plant), "--lang", "en", *options])
+        assert found.exit_code == 0
+        return found
+
+    def problems() -> list[str]:
+        return [error["key"] for error in json.loads(run("--json").stdout)["directory_problems"]]
+
+    assert problems() == [], "the service makes it"
+    state.mkdir(mode=0o500)
+    if os.geteuid() == 0:
+        os.chown(state, 12345, -1)  # root could write its own
+    assert f"chmod u+rwx {state}" in run().output
+    assert problems() == ["plant.directory_unwritable"]
+    state.chmod(0o700)
+    assert problems() == []
+    monkeypatch.setattr(lock.os, "statvfs", lambda _: SimpleNamespace(f_flag=os.ST_RDONLY))
+    assert "read-only file system" in run().output
+    assert problems() == ["plant.directory_read_only"]
 
 
 def test_another_error_of_the_lock_file_is_refused_as_before(tmp_path: Path) -> None:

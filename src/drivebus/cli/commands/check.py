@@ -39,6 +39,7 @@ def _check(plant: str, requirements: tuple[LoadRequirement, ...]) -> ExitCode:
     from drivebus.service.config.load import load
     from drivebus.service.process.clock_sync import is_clock_synchronized
     from drivebus.service.process.installed_files import changed_packages
+    from drivebus.service.process.lock import directory_problems
     from drivebus.service.process.permissions import certificate_problems
     from drivebus.values import bilingual_text
 
@@ -48,12 +49,14 @@ def _check(plant: str, requirements: tuple[LoadRequirement, ...]) -> ExitCode:
     lacks_asyncpg = config.history.url is not None and find_spec("asyncpg") is None
     code = ExitCode.FAILED if lacks_asyncpg or any(missed.values()) else ExitCode.DONE
     states, exposed = tuple(certificate_states(config)), list(certificate_problems(config))
+    directory = list(directory_problems(config.directory))
     clock_synchronized, changed = is_clock_synchronized(), list(changed_packages())
     more = {
         "certificates": _certificate_documents(states),
         "slow_adapters": [asdict(slow) for slow in slow_adapters],
         "warnings": list(config.warnings),
         "exposed_files": [error_json(error)["error"] for error in exposed],
+        "directory_problems": [error_json(error)["error"] for error in directory],
         "clock_synchronized": clock_synchronized,
         "changed_files": [str(file) for package in changed for file in package.files],
     }
@@ -64,7 +67,7 @@ def _check(plant: str, requirements: tuple[LoadRequirement, ...]) -> ExitCode:
     for adapter in slow_adapters:
         output.print_note("ports.latency_cost", **adapter.text_params(bilingual_text("plant.bus", id=adapter.bus)))
     _print_certificates(states)
-    for error in exposed:
+    for error in (*exposed, *directory):
         output.print_note("plant_check.warning", text=error.text(output.language()))
     for package in changed:
         output.print_note("plant_check.warning", text=output.text("plant.package_changed", **package.text_params()))
