@@ -14,6 +14,8 @@ MAX_PASSWORD_LENGTH = 200
 _MIN_DIFFERENT_CHARACTERS = 5
 MIN_UNCOMMON_CHARACTERS = 4
 """Different characters that a password needs besides common words, keyboard rows and digits."""
+_MIN_NAME_LENGTH = 3
+"""Latin letters of the shortest user name that a password may not contain: two are in many passwords by chance."""
 _COMMON_WORDS = """
 password passwort passwd pass login secret default changeme letmein welcome hello iloveyou woaini wodemima mima
 admin administrator root user guest test master super operator engineer viewer service company office factory
@@ -35,6 +37,8 @@ _KEYBOARD_RUN_LENGTH = 3
 """Neighbours of a keyboard row, in either direction, that count as common."""
 _LEET_SPELLING = str.maketrans("@4$5031!", "aassoeii")
 """Substitutions such as p@ssw0rd for password."""
+_ADDED_CHARACTERS = "0123456789-_.,+*#?/ "
+"""Digits and signs that stand before or behind a word; not @, $ and !, which may be letters of it."""
 
 
 def _keyboard_runs(row: str) -> set[str]:
@@ -67,7 +71,8 @@ def is_frequent(password: str) -> bool:
     Three common words and more are a passphrase, which is hard to guess.
     """
     folded = password.casefold()
-    spellings = {folded, folded.translate(_LEET_SPELLING)}
+    # Without what was added first: "2026" is no spelling of letters.
+    spellings = {folded, *(each.translate(_LEET_SPELLING) for each in (folded, folded.strip(_ADDED_CHARACTERS)))}
     texts = {"".join(filter(keep, spelling)) for spelling in spellings for keep in (str.isalnum, str.isalpha)}
     return any(_is_frequent_text(text) for text in (*spellings, *texts))
 
@@ -91,10 +96,15 @@ def check_password_policy(password: str, name: str) -> str:
     text = normalized_password(password)
     if not MIN_PASSWORD_LENGTH <= len(text) <= MAX_PASSWORD_LENGTH:
         raise InvalidInput("auth.password_length", shortest=MIN_PASSWORD_LENGTH, longest=MAX_PASSWORD_LENGTH)
-    guessable = is_guessable(text) or is_frequent(text) or name.casefold() in text.casefold()
+    guessable = is_guessable(text) or is_frequent(text) or _contains_name(text, name)
     if guessable or len(set(text)) < _MIN_DIFFERENT_CHARACTERS:
         raise InvalidInput("auth.password_common", different=_MIN_DIFFERENT_CHARACTERS, own=MIN_UNCOMMON_CHARACTERS)
     return password
+
+
+def _contains_name(password: str, name: str) -> bool:
+    is_long = len(name) >= _MIN_NAME_LENGTH or not name.isascii()  # two Chinese characters are a whole name
+    return is_long and name.casefold() in password.casefold()
 
 
 def normalized_password(password: str) -> str:
