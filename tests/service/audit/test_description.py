@@ -190,6 +190,28 @@ def test_the_error_of_a_drive_in_a_group_does_not_name_the_group_as_the_drive() 
     assert outcome_text(follower) == f"Confirmed; {unnamed}"
 
 
+def test_errors_of_several_drives_are_sentences_and_name_the_drives_where_they_differ() -> None:
+    """Regression: "not done (drives.start_failed)" for a sentence that has values."""
+    texts = {f"fan-{n}": {"en": f"fan-{n} has tripped", "zh": f"fan-{n} 故障"} for n in range(1, 6)}
+    outcomes = {"fan-0": "confirmed", **dict.fromkeys(texts, "drives.start_failed")}
+
+    def outcome(number: int) -> Any:
+        params = {"group": "air", "outcomes": outcomes, "error_texts": dict([*texts.items()][:number])}
+        codes = "confirmed, drives.start_failed"
+        titles = {"drive": {"fan-1": Text("Fan 1", "风机 1")}}
+        return described(record("group.start", "air", outcome=codes, **params), titles)["outcome_text"]
+
+    assert outcome(1) == {"en": "Confirmed; fan-1 has tripped", "zh": "已确认；fan-1 故障"}
+    assert outcome(2) == {
+        "en": "Confirmed; Fan 1: fan-1 has tripped; fan-2: fan-2 has tripped",
+        "zh": "已确认；风机 1：fan-1 故障；fan-2：fan-2 故障",
+    }
+    assert outcome(4)["en"].endswith("fan-3: fan-3 has tripped; …"), "what the record may have left out"
+    damaged = {"group": "air", "outcomes": outcomes, "error_texts": {"fan-1": 1}}
+    found = outcome_text(record("group.start", "air", outcome="drives.start_failed", **damaged))
+    assert found == outcome_text(record("group.start", "air", outcome="drives.start_failed"))
+
+
 def test_the_reason_of_a_denied_request_reads_as_words_without_the_values_that_a_record_lacks() -> None:
     """Regression: "not done (auth.no_such_method)"."""
     denied = record("refused", "POST /api/v1/drives/{drive}/limits", outcome="auth.no_such_method", who="@::1", times=1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 
 import pytest
@@ -15,6 +15,7 @@ from drivebus.errors import (
     LimitError,
     Superseded,
 )
+from drivebus.service.audit.description import described
 from drivebus.service.config.model import BusConfig, DriveConfig, GroupConfig
 from drivebus.simulator.motor import Motor
 from drivebus.testing.virtual_time import run
@@ -84,6 +85,10 @@ def test_a_group_whose_lease_was_lost_starts_no_further_drive() -> None:
             found = (await kit.call("group.start", ann, group="fans", frequency_hz=20.0, arm_token=arm))["outcomes"]
             assert [found[drive].get("kind") for drive in GROUP.drives] == [None, None, "ControlNotHeld"]
             assert kit.station("pump-1").motor.starts == 0
+            entry = next(entry for entry in reversed(kit.trail.entries) if entry.what == "group.start")
+            row = described({**asdict(entry), "who": {"name": ann.name}})
+            assert row["outcome_text"]["en"] == f"Confirmed; {found['pump-1']['text']['en']}", "no code"
+            assert row["outcome_text"]["zh"] == f"已确认；{found['pump-1']['text']['zh']}"
 
     run(scenario())
 

@@ -35,7 +35,7 @@ from drivebus.service.api.operations.operation import NoParams
 from drivebus.service.api.operations.selections import SelectionParams
 from drivebus.service.api.record_budget import RecordBudget
 from drivebus.service.audit import AuditEntry
-from drivebus.service.audit.records import ERROR_TEXT, record_octets
+from drivebus.service.audit.records import ERROR_TEXT, ERROR_TEXTS, MAX_ERROR_TEXTS, record_octets
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.rights import RequiredAccess, Right
 from drivebus.service.control.tickets import (
@@ -352,12 +352,24 @@ def _completed_entry(entry: AuditEntry, result: Json) -> AuditEntry:
     outcome = result.get("outcome")
     outcomes = [*([outcome] if outcome else ()), *by_drive.values()]
     statuses = {drive: _status_of(item) for drive, item in by_drive.items()}
+    more = {"outcomes": statuses, ERROR_TEXTS: _error_texts(by_drive)} if statuses else {}
     return replace(
         entry,
         outcome=", ".join(dict.fromkeys(map(_status_of, outcomes))) or "done",
-        params={**entry.params, "outcomes": statuses} if statuses else entry.params,
+        params={**entry.params, **{name: values for name, values in more.items() if values}},
         frames=[frame for item in outcomes for frame in item.get("frames", ())],
     )
+
+
+def _error_texts(by_drive: Json) -> Json:
+    """Return the different sentences of each error, under the first drive that each is of."""
+    by_code: dict[str, Json] = {}
+    for drive, item in by_drive.items():
+        texts = by_code.setdefault(_status_of(item), {})
+        is_new = "status" not in item and "text" in item and item["text"] not in texts.values()
+        if is_new and len(texts) < MAX_ERROR_TEXTS:
+            texts[drive] = item["text"]
+    return {drive: text for texts in by_code.values() for drive, text in texts.items()}
 
 
 def _status_of(item: Json) -> str:

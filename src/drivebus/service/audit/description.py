@@ -11,7 +11,7 @@ from typing import Any
 
 from drivebus import i18n
 from drivebus.service.alarms.texts import subject_name
-from drivebus.service.audit.records import ERROR_TEXT, OTHERS
+from drivebus.service.audit.records import ERROR_TEXT, ERROR_TEXTS, MAX_ERROR_TEXTS, OTHERS
 from drivebus.service.config.model import PlantConfig, title_of
 from drivebus.service.control.comm_loss_record import CommLossResult
 from drivebus.service.live.views import text_json
@@ -46,7 +46,7 @@ def titles_of(config: PlantConfig) -> Titles:
 
 def described(item: Json, titles: Titles = NO_TITLES) -> Json:
     """Return a record with ``text`` (what was done, to what, with which values) and ``outcome_text``."""
-    outcome = _outcome(item)
+    outcome = _outcome(item, titles)
     return {
         **item,
         "text": text_json(_action(item, titles)),
@@ -182,18 +182,42 @@ def _role(role: Any) -> Any:
     return Text.from_mapping(name.by_language() | {"en": name.en.lower()})
 
 
-def _outcome(item: Json) -> Text | None:
+def _outcome(item: Json, titles: Titles) -> Text | None:
     """Return the text of an outcome: the sentence of an error where the record has it; None without one."""
     outcome, params = item.get("outcome"), item.get("params")
     if not outcome:
         return None
     sentence = params.get(ERROR_TEXT) if isinstance(params, dict) else None
-    if isinstance(sentence, dict) and all(isinstance(sentence.get(language), str) for language in i18n.LANGUAGES):
+    if isinstance(sentence, dict) and _is_text(sentence):
         return Text.from_mapping(sentence)
     parts, params = str(outcome).split(", "), params if isinstance(params, dict) else {}
     is_of_target = len(parts) == 1 and bool(item.get("target")) and params.get("group") != item["target"]
     named = {"drive": item["target"], **params} if is_of_target else {}  # else the drive of an error is not recorded
-    return Text.join([_outcome_part(part, named) for part in parts], "clauses")
+    of_drives = {part: _error_texts(part, params, titles) for part in parts}
+    return Text.join([each for part in parts for each in of_drives[part] or [_outcome_part(part, named)]], "clauses")
+
+
+def _is_text(value: Json) -> bool:
+    return all(isinstance(value.get(language), str) for language in i18n.LANGUAGES)
+
+
+def _error_texts(code: str, params: Mapping[str, Any], titles: Titles) -> list[Text]:
+    """Return the sentences of an error of several drives; where they differ, each with the title of its drive."""
+    recorded, outcomes = params.get(ERROR_TEXTS), params.get("outcomes")
+    if not isinstance(recorded, dict) or not isinstance(outcomes, dict):
+        return []
+    texts = {
+        drive: Text.from_mapping(text)
+        for drive, text in recorded.items()
+        if outcomes.get(drive) == code and isinstance(text, dict) and _is_text(text)
+    }
+    if len(texts) <= 1:
+        return [*texts.values()]
+    shown = [
+        bilingual_text("audit.details", done=_title("drive", drive, titles), details=text)
+        for drive, text in texts.items()
+    ]
+    return shown if len(shown) < MAX_ERROR_TEXTS else [*shown[: MAX_ERROR_TEXTS - 1], Text("…", "…")]
 
 
 def _outcome_part(code: str, params: Mapping[str, Any]) -> Text:

@@ -142,6 +142,10 @@ def _limit_length(text: str) -> Any:
 
 ERROR_TEXT: Final = "error_text"
 """Parameter of a failed command: the sentence of its error by language."""
+ERROR_TEXTS: Final = "error_texts"
+"""Parameter of a command to several drives: sentences of their errors by language, each under the first such drive."""
+MAX_ERROR_TEXTS = 4
+"""Different sentences of one error that a record keeps; it shows one less, as more may have been left out."""
 GENESIS_HASH: Final = "0" * 64
 """``prev`` of the first record."""
 MAX_RECORD_LINE_BYTES: Final = 64 * 1024
