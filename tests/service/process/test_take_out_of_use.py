@@ -34,9 +34,8 @@ def files_below(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*") if not path.is_dir() or path.is_symlink()}
 
 
-def use_service(root: Path, environment: dict[str, str]) -> None:
+def use_service(plant: str, environment: dict[str, str]) -> None:
     """Run the service as the unit does, add a user, stop everything, and end it in order."""
-    plant = str(root / "etc/drivebus/plant.toml")
     words = [*DRIVEBUS, "user", "add", plant, "anna", "--role", "administrator"]
     subprocess.run(words, env=environment, input="a long enough pass phrase\n" * 2, text=True, check=True)
     with subprocess.Popen([*DRIVEBUS, "serve", plant], env=environment, stdout=subprocess.PIPE, text=True) as serving:
@@ -63,7 +62,9 @@ def test_after_the_commands_of_the_page_nothing_is_left_of_a_service(language: s
     (root / "usr/local/bin/drivebus").symlink_to(root / "opt/drivebus/bin/drivebus")
     before = files_below(root)
     user = {"HOME": str(root / "home"), "XDG_STATE_HOME": str(root / "var/lib"), "TMPDIR": str(root / "tmp")}
-    use_service(root, {**os.environ, **user, "DRIVEBUS_LANG": "en", "PYTHONUNBUFFERED": "1"})
+    use_service(
+        str(root / "etc/drivebus/plant.toml"), {**os.environ, **user, "DRIVEBUS_LANG": "en", "PYTHONUNBUFFERED": "1"}
+    )
     written = files_below(root) - before
     assert {"var/lib/drivebus/plants/hall/audit.jsonl", "var/lib/drivebus/plants/hall.audit.key"} < written
     assert {path for path in written if not path.startswith("var/lib/drivebus/")} == set()
@@ -75,6 +76,32 @@ def test_after_the_commands_of_the_page_nothing_is_left_of_a_service(language: s
     commands = re.sub(r"(?<= )/", f"{root}/", removal(language))
     subprocess.run(["sh", "-e", "-c", commands], env={"PATH": f"{programs}:/usr/bin:/bin"}, check=True)
     assert files_below(root) == set()
+
+
+def test_a_service_logs_to_standard_error_and_its_audit_trail_alone(tmp_path: Path) -> None:
+    """Its other files keep values, alarms and settings; no library and no gateway writes a log elsewhere."""
+    state, plant = tmp_path / "state", tmp_path / "plant.toml"
+    plant.write_text(SHOP_FILE + "[gateway.web]\nport = 0\n")
+    program = """
+import logging, sys
+from drivebus.service.process import main
+from drivebus.service.process.logging_setup import configure_logging
+import drivebus.web.server
+configure_logging("text")
+loggers = [logging.root, *logging.root.manager.loggerDict.values()]
+handlers = {type(handler).__name__ for logger in loggers for handler in getattr(logger, "handlers", [])}
+print(handlers - {"NullHandler"})
+logging.getLogger("drivebus.service").warning("a sentence of the log")
+logging.getLogger("uvicorn.error").warning("a sentence of a library")
+"""
+    home = {**os.environ, "HOME": str(tmp_path), "XDG_STATE_HOME": str(tmp_path / "xdg"), "PYTHONUNBUFFERED": "1"}
+    options = {"env": home, "cwd": tmp_path, "capture_output": True, "text": True}
+    found = subprocess.run([sys.executable, "-c", program], check=True, **options)  # type: ignore[call-overload]
+    assert found.stdout == "{'NonBlockingQueueHandler'}\n"
+    assert "a sentence of the log" in found.stderr and "a sentence of a library" in found.stderr
+    assert files_below(tmp_path) == {"plant.toml"}
+    use_service(str(plant), home | {"DRIVEBUS_LANG": "en"})
+    assert {path for path in files_below(state) if b"plant.stop" in (state / path).read_bytes()} == {"audit.jsonl"}
 
 
 def test_the_commands_remove_the_directories_that_systemd_makes_for_the_unit() -> None:

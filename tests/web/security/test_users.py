@@ -234,6 +234,58 @@ def test_every_failed_login_is_in_the_audit_trail_with_its_reason(tmp_path: Path
     run(scenario())
 
 
+OWN = {"own_password": PASSWORD}
+CREDENTIALS: dict[str, tuple[str, Json, str]] = {
+    "login": ("POST /login", {"name": "operator", "password": PASSWORD}, "password"),
+    "login-code": ("POST /login/code", {"code": "{code}"}, "code"),
+    "set-up": ("POST /setup", {"secret": "{setup}", "name": "ann", "password": NEW}, "secret"),
+    "unlock": ("POST /session/unlock", {"password": PASSWORD}, "password"),
+    "password": ("POST /password", {"old": PASSWORD, "new": NEW}, "old"),
+    "session.end": ("POST /sessions/{session}/end", {"password": PASSWORD}, "password"),
+    "user.add": ("POST /users", {"name": "eve", "role": "administrator", "password": NEW} | OWN, "own_password"),
+    "user.change": ("PATCH /users/viewer", {"role": "administrator"} | OWN, "own_password"),
+}
+"""Request of each operation that checks a password, code or secret, and the name of the field with it."""
+
+
+@pytest.mark.parametrize("operation", CREDENTIALS)
+def test_every_operation_with_a_secret_is_recorded_whether_it_succeeds_or_fails(operation: str, tmp_path: Path) -> None:
+    harness = WebAppHarness(tmp_path, users=operation != "set-up")
+    request, body, secret = CREDENTIALS[operation]
+    method, path = request.split()
+
+    async def scenario() -> None:
+        values = {"{code}": "", "{session}": "", "{setup}": ""}
+        client = harness.client()
+        if operation == "set-up":
+            values["{setup}"] = harness.auth.setup_secret.issue()
+        else:
+            client = await harness.log_in("administrator")
+            values["{code}"] = await harness.auth.issue_code("viewer", 60)
+            await harness.log_in("administrator")
+            sessions = (await done(client, "GET", "/sessions"))["sessions"]
+            values["{session}"] = next(each["id"] for each in sessions if not each["current"])
+        harness.service.records.clear()
+        address = f"/api/v1{path.replace('{session}', values['{session}'])}"
+        good = {name: values.get(value, value) for name, value in body.items()}
+        wrong = await client.request(method, address, json=good | {secret: "wrong"})
+        assert wrong.status_code in (401, 403), wrong.text
+        assert [outcome for *_, outcome in audit_entries(harness)][-1].startswith("auth.wrong_")
+        right = await client.request(method, address, json=good)
+        assert right.status_code == 200, right.text
+        *_, (_, what, _, _, outcome) = audit_entries(harness)
+        assert (what, outcome) == (operation, "done")
+
+    run(scenario())
+
+
+def test_the_operations_with_a_secret_are_all_played_above() -> None:
+    fields = {secret for *_, secret in CREDENTIALS.values()}
+    assert CREDENTIALS.keys() == {
+        name for name, operation in WEB_OPERATIONS.items() if fields & operation.params.model_fields.keys()
+    }
+
+
 def test_every_change_of_a_user_is_in_the_audit_trail(tmp_path: Path) -> None:
     harness = WebAppHarness(tmp_path)
 

@@ -17,7 +17,7 @@ from drivebus.service.api.operations.operation import NoParams
 from drivebus.service.auth.actor import Actor
 from drivebus.service.auth.credentials import Credential, SessionCredential
 from drivebus.service.auth.devices import device_cookie_name
-from drivebus.service.auth.errors import TooManyAttempts
+from drivebus.service.auth.errors import AccessDenied, TooManyAttempts
 from drivebus.service.auth.rights import Right
 from drivebus.service.auth.service import LoginResult
 from drivebus.service.auth.sessions import SESSION_IDLE_TIMEOUT_S, SESSION_LIFETIME_S
@@ -143,7 +143,11 @@ async def list_sessions(request: Request, params: NoParams) -> Json:
 async def end_session(request: Request, params: SessionParams) -> Json:
     """End a session of the same user; another user's is answered as one that does not exist."""
     context, credential = context_of(request), _session_credential(request)
-    await context.auth.end_session(credential.session, params.session, params.password)
+    try:
+        await context.auth.end_session(credential.session, params.session, params.password)
+    except (AccessDenied, TooManyAttempts) as error:
+        await _record_denial(request, SESSION_END, error, credential.session.user)
+        raise
     entry = audit_entry(SESSION_END.name, params.session, outcome="done")
     await try_record(context.client, entry, credential.actor)
     return {}
@@ -190,9 +194,7 @@ async def _complete_login(
     try:
         opened = await login
     except DrivebusError as error:
-        recorded = "" if isinstance(error, TooManyAttempts) else name  # a flood of names must not flood the audit trail
-        actor = Actor(recorded, frozenset(), "", address=client_address(request.scope))
-        await context.aggregator.record_denial(operation.name, recorded, error.key, actor)
+        await _record_denial(request, operation, error, name)
         raise
     previous: Credential | None = request.state.credential
     if isinstance(previous, SessionCredential) and previous.session is not opened.session:
@@ -202,6 +204,12 @@ async def _complete_login(
     await try_record(context.client, audit_entry(operation.name, opened.session.user, outcome="done"), credential.actor)
     response = _with_session_cookie(request, JSONResponse(_session_json(context, credential)), opened.secret)
     return _with_device_cookie(request, response, opened.session.user)
+
+
+async def _record_denial(request: Request, operation: Operation, error: DrivebusError, name: str) -> None:
+    recorded = "" if isinstance(error, TooManyAttempts) else name  # a flood of names must not flood the audit trail
+    actor = Actor(recorded, frozenset(), "", address=client_address(request.scope))
+    await context_of(request).aggregator.record_denial(operation.name, recorded, error.key, actor)
 
 
 def _with_session_cookie(request: Request, response: JSONResponse, secret: str) -> JSONResponse:
