@@ -128,6 +128,44 @@ def test_a_read_whose_first_two_replies_are_lost_shows_the_value_without_an_erro
         assert (document["values"][0]["value"], document["error"]) == (2, None)
 
 
+@pytest.mark.parametrize(
+    ("address", "delay_s", "key"), [(3, 0.6, "bus.late_reply"), (9, 0.6, "bus.offline"), (3, 0.0, None)]
+)
+def test_a_start_whose_checks_get_late_replies_names_them(
+    monkeypatch: pytest.MonkeyPatch, address: int, delay_s: float, key: str | None
+) -> None:
+    """It called the drive offline, with the advice to check address, baud rate and wiring."""
+    transmit = Wire.transmit_reply
+    monkeypatch.setattr(
+        Wire, "transmit_reply", lambda wire, source, data, now, at: transmit(wire, source, data, now, at + delay_s)
+    )
+    words = ["run", "sim://vc660@3", "--model", "vc660", "--address", str(address), "--frequency", "5", "--detach"]
+    result = CliRunner().invoke(cli, [*words, "--json"])
+    if key is None:
+        assert result.exit_code == ExitCode.DONE
+        return
+    error = json.loads(result.stdout.splitlines()[-1])["error"]
+    assert (error["key"], error["hint"] in result.stderr.replace("\n", " ")) == (key, True)
+    assert result.exit_code == ExitCode.FAILED
+
+
+def test_the_live_view_says_that_replies_come_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its state was "unknown", without a reason."""
+    transmit = Wire.transmit_reply
+
+    def transmit_twice(wire: Wire, source: object, data: bytes, now: float, at: float) -> Transmission:
+        sent = transmit(wire, source, data, now, at)
+        transmit(wire, source, data, now, at + 0.03)
+        return sent
+
+    monkeypatch.setattr(Wire, "transmit_reply", transmit_twice)
+    words = ["monitor", "sim://vc660@3", "--model", "vc660", "--address", "3", "--json", "--period", "1"]
+    result = CliRunner().invoke(cli, [*words, "--duration", "4"])
+    documents = map(json.loads, result.stdout.splitlines())
+    reasons = {document["drives"][0]["reason"] for document in documents if "drives" in document}
+    assert i18n.text("drives.duplicate", "en", station=3) in reasons
+
+
 def test_the_document_of_a_failed_read_has_the_reason() -> None:
     """It stood on standard error only, and each value had ``no usable reply``."""
     words = ["read", "sim://c320@1", "F0.1", "--model", "c320", "--address", "9", "--json"]

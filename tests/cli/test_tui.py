@@ -156,6 +156,17 @@ def test_a_drive_whose_replies_are_not_accepted_is_not_called_unseen_and_an_unkn
     assert drive_text(row, 1.0).endswith(text or "–") and row.to_json(1.0)["fault"] is None
 
 
+def test_a_known_state_or_another_reply_is_named_before_replies_that_come_twice() -> None:
+    def reason(**status: Any) -> str | None:
+        found = DriveStatus(**{"state": DriveState.UNKNOWN, "reason": "drives.stale", **status})
+        names = {"key": "a", "name": "fan 1", "bus": "A", "model": "vc660", "presence": "online"}
+        return drive_row(found, address=1, has_duplicate_address=True, **names).reason
+
+    assert reason() == i18n.text("drives.duplicate", output.language(), station=1)
+    assert reason(state=DriveState.RUNNING, reason=None) is None
+    assert reason(unusable_reply=STRAY) == i18n.text("bus.stray_before", output.language(), **STRAY.params)
+
+
 def test_a_commanded_frequency_has_a_star_if_the_drive_reports_none() -> None:
     row = DriveRow(key="a", name="fan 1", bus="A", model="c320", address=1, commanded_hz=30.0)
     assert row.cell("set_frequency") == "30.00*"

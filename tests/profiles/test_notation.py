@@ -169,6 +169,14 @@ def test_an_unlisted_parameter_can_be_read_and_written_raw() -> None:
     assert (found.notation, found.locator, found.listed, found.writable) == ("F2.7", ("parameter", 0x0207), False, True)
 
 
+def test_a_register_for_commands_is_named_as_one() -> None:
+    """``read 2000H`` of a VC660 had "not described in the profile", and the drive rejects the read."""
+    profile = profiles.load("vc660")
+    for name in ("2000H", "2001H"):
+        assert "register for commands" in notation.find_entry(profile, name).text.en
+    assert "raw word" in notation.find_entry(profile, "3FFFH").text.en
+
+
 def test_an_unlisted_register_is_never_written() -> None:
     """200BH of the guide's examples belongs to no table."""
     found = notation.find_entry(profiles.load("vc660"), "200BH")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 from collections.abc import AsyncIterator, Callable, Collection, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
@@ -16,6 +17,7 @@ from drivebus.user_input import parse_boolean
 if TYPE_CHECKING:
     from drivebus.bus import Bus
     from drivebus.drives import Drive, DriveLimits
+    from drivebus.errors import NoReply
     from drivebus.ports import Port
     from drivebus.profiles import DriveProfile
     from drivebus.serial_settings import SerialSettings
@@ -161,6 +163,24 @@ async def open_drive(target: Target, limits: DriveLimits | None = None) -> Async
                 raise
             finally:
                 drive.close()
+
+
+async def raise_late_reply(drive: Drive, error: NoReply) -> None:
+    """Raise the error of a reply that came late, which one later read finds, in place of ``error``.
+
+    Nothing is read of a drive whose command may have arrived.
+    """
+    from drivebus.errors import DrivebusError
+
+    if error.key == "bus.late_reply" or error.may_be_running is not False:
+        return
+    await asyncio.sleep(LATE_REPLY_WAIT_S)
+    try:
+        await drive.identify()
+    except DrivebusError as found:
+        if found.key == "bus.late_reply":
+            found.may_be_running, found.outcome = error.may_be_running, error.outcome
+            raise found from error
 
 
 @asynccontextmanager

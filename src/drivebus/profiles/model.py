@@ -368,6 +368,14 @@ class DriveProfile:
         assert self.modbus is not None
         return self.modbus
 
+    @property
+    def command_registers(self) -> frozenset[Locator]:
+        """Registers of command word and setpoint, unless the status is read from there."""
+        if self.commands is None:
+            return frozenset()
+        written = {(self.commands.space, self.commands.register), ("holding", self.commands.setpoint_register)}
+        return frozenset(written - ({(self.status.space, self.status.register)} if self.status else set()))
+
     def question(self, option: str) -> OpenQuestion:
         """Return the question that an option of this profile answers."""
         return next(question for question in self.open_questions if question.name == option)

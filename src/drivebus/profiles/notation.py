@@ -178,7 +178,7 @@ def _unlisted_parameter(profile: DriveProfile, name: str, locator: Locator) -> P
     return Parameter(
         notation=format_locator(locator, profile),
         locator=locator,
-        text=bilingual_text("profiles.raw_word"),
+        text=bilingual_text("profiles.command_word" if locator in profile.command_registers else "profiles.raw_word"),
         writable=not bare and locator[0] in ("parameter", "holding"),
         listed=False,
     )

@@ -52,7 +52,7 @@ class RunOptions:
 
 async def _run(target: Target, frequency: float, *, reverse: bool, wait: bool, detach: bool) -> ExitCode:
     from drivebus.cli.signals import shutdown_signals
-    from drivebus.errors import ControlNotHeld
+    from drivebus.errors import ControlNotHeld, NoReply
 
     chosen = RunOptions(frequency_hz=frequency, direction=_direction(reverse=reverse), wait=wait, detach=detach)
     requested_at = monotonic_now()
@@ -70,6 +70,8 @@ async def _run(target: Target, frequency: float, *, reverse: bool, wait: bool, d
             except BaseException as error:
                 if must_stop_after(error):
                     await drive.stop()
+                if isinstance(error, NoReply) and target.service is None:
+                    await connect.raise_late_reply(drive, error)
                 raise
             if code is None:
                 return ExitCode.DONE

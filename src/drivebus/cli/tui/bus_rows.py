@@ -32,6 +32,7 @@ class PolledDrive:
             model=self.drive.profile.model,
             address=address,
             presence=str(health.presence),
+            has_duplicate_address=health.duplicate_address,
         )
 
     def stop(self) -> None:

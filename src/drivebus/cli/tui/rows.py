@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import output
 from drivebus.cli.formatting import reading_json, reason_text, round_or_none
-from drivebus.drives.state import join_fault
+from drivebus.drives.state import DriveState, join_fault
 from drivebus.values import Quality, Reading
 
 if TYPE_CHECKING:
@@ -35,8 +35,13 @@ _REASONS_OF_SILENCE = {
 """Reasons that the presence, the bus or the model shows already."""
 
 
-def unknown_reason(status: DriveStatus, presence: str) -> str | None:
-    """Return why the state is unknown although the drive sends something; None for any other status."""
+def unknown_reason(status: DriveStatus, presence: str, duplicate_of: int | None = None) -> str | None:
+    """Return why the state is unknown although the drive sends something; None for any other status.
+
+    ``duplicate_of``: address whose replies come twice.
+    """
+    if duplicate_of is not None and status.state is DriveState.UNKNOWN and status.unusable_reply is None:
+        return output.text("drives.duplicate", station=duplicate_of)
     is_silent = status.unusable_reply is None and (presence != "online" or status.reason in _REASONS_OF_SILENCE)
     return None if is_silent else reason_text(status)
 
@@ -121,7 +126,15 @@ class DriveRow:
 
 
 def drive_row(
-    status: DriveStatus, *, key: str, name: str, bus: str, model: str, address: int, presence: str
+    status: DriveStatus,
+    *,
+    key: str,
+    name: str,
+    bus: str,
+    model: str,
+    address: int,
+    presence: str,
+    has_duplicate_address: bool = False,
 ) -> DriveRow:
     """Return the row of a drive status."""
     times = [reading.source_time for reading in status.readings.values() if reading.source_time is not None]
@@ -136,7 +149,7 @@ def drive_row(
         direction=str(status.direction) if status.direction else None,
         fault_label=fault.label if fault else "",
         fault_text=output.to_json_value(fault.text) if fault else "",
-        reason=unknown_reason(status, presence),
+        reason=unknown_reason(status, presence, address if has_duplicate_address else None),
         readings=status.readings,
         presence=presence,
         oldest_value_at=min(times) if times else status.at,

@@ -149,12 +149,11 @@ def _access_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Not
         notes += _undescribed_bits(profile, fields["value"])
     if function == 6 and isinstance(entry, Parameter):
         notes += _range_errata(entry, fields["value"])
-    controls = {(commands.space, commands.register), ("holding", commands.setpoint_register)} if commands else set()
     if function in (5, 6, 15, 16) and isinstance(entry, Signal):
         notes.append(note("explain.read_only", register=register))
-    if profile.status is not None:
-        controls -= {(profile.status.space, profile.status.register)}
-    is_write_only = (space, register) in controls or (isinstance(entry, Parameter) and not entry.readable)
+    is_write_only = (space, register) in profile.command_registers or (
+        isinstance(entry, Parameter) and not entry.readable
+    )
     contradicted = any(caveat.id == "write_only" for caveat in profile.caveats)  # DF800: an example reads 2000H
     if function in (3, 4) and is_write_only and not contradicted:
         notes.append(note("explain.write_only", register=register))
