@@ -102,26 +102,40 @@ def expect() -> Any:
 Visit = Callable[..., Any]
 
 
+DEFAULT_SIZE = (1280, 900)
+
+
 class BrowserContexts:
-    """Contexts of one browser by their options, kept for all tests: each loads the files of the page only once."""
+    """Contexts of one browser by their options, kept for all tests: each loads the files of the page only once.
+
+    Each keeps a document without scripts open, and with it the process that draws the pages of the next tests.
+    """
 
     def __init__(self, browser: Any, origin: str) -> None:
         self._browser = browser
         self._origin = origin
         self._unused: dict[str, list[Any]] = {}
 
+    def _new_context(self, options: dict[str, Any]) -> Any:
+        width, height = DEFAULT_SIZE
+        context = self._browser.new_context(viewport={"width": width, "height": height}, **options)
+        context.new_page().goto(f"{self._origin}/static/js/lib.js")
+        return context
+
     @contextmanager
     def open_page(self, **options: Any) -> Iterator[Any]:
-        """Open a page in a context that has no other page, no cookie and nothing in its local storage."""
+        """Open a page in a context that has no other page with scripts, no cookie and nothing in its local storage."""
         unused = self._unused.setdefault(repr(sorted(options.items())), [])
-        context = unused.pop() if unused else self._browser.new_context(**options)
+        context = unused.pop() if unused else self._new_context(options)
+        kept = context.pages
         page = context.new_page()
         devtools = context.new_cdp_session(page)
         devtools.send("Storage.clearDataForOrigin", {"origin": self._origin, "storageTypes": "local_storage"})
         devtools.detach()
         yield page
         for opened in context.pages:
-            opened.close()
+            if opened not in kept:
+                opened.close()
         context.clear_cookies()
         unused.append(context)
 
@@ -146,13 +160,15 @@ def visit(contexts: BrowserContexts, stage: Stage) -> Iterator[Visit]:
             language: str = "en",
             theme: str = "light",
             role: str | None = "engineer",
-            size: tuple[int, int] = (1280, 900),
+            size: tuple[int, int] = DEFAULT_SIZE,
             **more: Any,
         ) -> Any:
             locale = {"en": "en-GB", "zh": "zh-CN"}[language]
-            viewport = {"width": size[0], "height": size[1]}
-            options = {"viewport": viewport, "color_scheme": theme, "locale": locale, **more}
-            page = used.enter_context(contexts.open_page(**options))
+            page = used.enter_context(contexts.open_page(locale=locale, **more))
+            if size != DEFAULT_SIZE:
+                page.set_viewport_size({"width": size[0], "height": size[1]})
+            if theme != "light":
+                page.emulate_media(color_scheme=theme)
             page.set_default_timeout(30_000)
             page.on("pageerror", lambda error: errors.append(str(error)))
             page.on("console", lambda text: _record_error(text, errors))

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from drivebus import i18n
-from fixtures.browser import Stage, log_in, wait_until_live
+from fixtures.browser import Stage, log_in_by_request, wait_until_live
 from fixtures.browser_actions import show_topics
 
 BROKEN = "[data-text=broken]"
@@ -18,14 +18,13 @@ BROKEN_DRIVE = {"drives/fan-1": {"comm_loss": None, "limits": None, "commanded_h
 
 
 @pytest.fixture
-def page(browser: Any, stage: Stage) -> Iterator[Any]:
+def page(contexts: Any, stage: Stage) -> Iterator[Any]:
     """Open the fleet; unlike ``visit``, this allows errors of the page's scripts."""
-    context = browser.new_context(locale="en-GB")
-    page = context.new_page()
-    page.goto(f"{stage.at}/#/fleet")
-    log_in(page, "administrator")
-    yield page
-    context.close()
+    with contexts.open_page(locale="en-GB") as page:
+        log_in_by_request(page, stage.at, "administrator")
+        page.goto(f"{stage.at}/#/fleet")
+        wait_until_live(page)
+        yield page
 
 
 def test_a_page_whose_answer_it_cannot_draw_says_so_and_stops_still_work(page: Any) -> None:
