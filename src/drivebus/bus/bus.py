@@ -407,7 +407,11 @@ class Bus:
                 self._send_frames(tuple(commands))
                 for command in commands:
                     if type(command) is DeliverResult:
-                        self._deliver(command)
+                        token = command.token
+                        if type(token) is PollSubscription:
+                            self._notify(token.on_result, command.result)
+                        elif not token.done():
+                            token.set_result(command.result)
                     elif type(command) is EmitTrace:
                         for sink in tuple(self._trace_sinks):
                             self._notify(sink, command.event)
@@ -433,12 +437,6 @@ class Bus:
                 except Exception as error:  # a bus that waited for ever would send no stop either
                     self._report(f"writing to bus {self.name} failed", error)
                     self.port_lost(PortLost("ports.lost", port=self.name, reason=SystemReason(error)))
-
-    def _deliver(self, command: DeliverResult) -> None:
-        if type(command.token) is PollSubscription:
-            self._notify(command.token.on_result, command.result)
-        elif not command.token.done():
-            command.token.set_result(command.result)
 
     def _notify(self, sink: Callable[[Any], None], value: Any) -> None:
         """Call a sink; its failure is reported and does not stop the bus."""

@@ -624,7 +624,7 @@ class BusCore:
         received = transaction.received_count + len(transaction.bytes_before_tx_end)
         counters = transaction.prepared.station.counters
         wire_s = transaction.prepared.send_s + received * self.character_s
-        self.activity.add(now, wire_s, now - transaction.sent_at, counters)
+        self.activity.append((now, wire_s, now - transaction.sent_at, counters))
         counters.bytes_received += transaction.received_count
 
     def _record_extra_bytes(self, transaction: Transaction, now: float) -> None:

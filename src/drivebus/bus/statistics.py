@@ -159,23 +159,20 @@ class BusShare(NamedTuple):
     transactions_per_s: float = 0.0
 
 
-class RecentActivity:
-    """The most recent transactions of a bus."""
+class RecentActivity(deque[tuple[float, float, float, Counters]]):
+    """The most recent transactions of a bus.
 
-    __slots__ = ("_recent",)
+    Each with its end, the seconds of its bytes on the wire, the seconds in which no other frame could be sent, and the
+    counters of its station.
+    """
 
     def __init__(self) -> None:
-        self._recent: deque[tuple[float, float, float, Counters]] = deque(maxlen=RECENT_TRANSACTIONS)
-        """The arguments of ``add``."""
-
-    def add(self, ended_at: float, wire_s: float, occupied_s: float, station: Counters) -> None:
-        """Add a transaction: the time of its bytes on the wire, and the time in which no other frame could be sent."""
-        self._recent.append((ended_at, wire_s, occupied_s, station))
+        super().__init__(maxlen=RECENT_TRANSACTIONS)
 
     def shares(self, now: float, since: float) -> dict[Counters | None, BusShare]:
         """Return the shares of the whole bus (None) and of each station, over the last minute at most."""
         started_at = max(since, now - LOAD_WINDOW_S)
-        recent = [transaction for transaction in self._recent if transaction[0] > started_at]
+        recent = [transaction for transaction in self if transaction[0] > started_at]
         if len(recent) == RECENT_TRANSACTIONS:  # those before are no longer known: count from the end of the first
             started_at, *_ = recent.pop(0)
         span_s = max(now - started_at, 1e-9)
