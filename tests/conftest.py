@@ -3,41 +3,17 @@
 from __future__ import annotations
 
 import gc
-import os
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from _pytest.assertion import rewrite
 from hypothesis import HealthCheck, settings
 
 settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 if settings.get_current_profile_name() == "default":  # a mutation run has its own
     settings.load_profile("untimed")
 
-gc.disable()  # no test is collected twice: while 16,000 are, a third of the time went into the search for garbage
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection(session: pytest.Session) -> None:
-    """Let each worker of pytest-xdist compile its share of the test files: otherwise each compiles all of them."""
-    number, count = (
-        os.environ.get("PYTEST_XDIST_WORKER", "").removeprefix("gw"),
-        os.environ.get("PYTEST_XDIST_WORKER_COUNT"),
-    )
-    if not number or not count or sys.dont_write_bytecode:
-        return
-    config = session.config
-    ignored = [Path(path).resolve() for path in config.getoption("ignore") or ()]
-    places = [Path(argument.partition("::")[0]).resolve() for argument in config.args]
-    files = sorted({file for place in places for file in (place.rglob("test_*.py") if place.is_dir() else [place])})
-    files = [file for file in files if not any(file.is_relative_to(place) for place in ignored)]
-    for file in files[int(number) :: int(count)]:
-        compiled = rewrite.get_cache_dir(file) / (file.stem + rewrite.PYC_TAIL)
-        if not compiled.exists() and rewrite.try_makedirs(compiled.parent):
-            source_hash, code = rewrite._rewrite_test(file, config)
-            rewrite._write_pyc(config.stash[rewrite.assertstate_key], code, source_hash, compiled)
+gc.disable()  # the search for garbage took a third of the collection of 16,000 tests, which leaves none
 
 
 def pytest_collection_finish() -> None:
