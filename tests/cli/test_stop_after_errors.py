@@ -258,7 +258,8 @@ def run_remotely(client: ScriptedClient) -> Any:
 
     async def played() -> Any:
         try:
-            return await run_command("c320")
+            target = Target(port="service", model="c320", address=1, service="service", drive="fan-1")
+            return await run._run(target, SAFE_HZ["c320"], reverse=False, wait=False, detach=False)
         except DrivebusError as error:
             return error
 
