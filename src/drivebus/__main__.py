@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 
-from drivebus.cli.early_interrupt import interrupt_on_sigterm, is_early_interrupt
+from drivebus.cli.early_interrupt import end_interrupt_on_sigterm, interrupt_on_sigterm, is_early_interrupt
 
 
 def main() -> None:
@@ -19,6 +19,7 @@ def main() -> None:
     except (KeyboardInterrupt, RuntimeError) as error:
         if not is_early_interrupt(error):
             raise
+        end_interrupt_on_sigterm()
         import signal
 
         from drivebus.cli.output_settings import output_settings

@@ -157,13 +157,14 @@ def test_a_drive_whose_replies_are_not_accepted_is_not_called_unseen_and_an_unkn
 
 
 def test_a_known_state_or_another_reply_is_named_before_replies_that_come_twice() -> None:
-    def reason(**status: Any) -> str | None:
+    def reason(presence: str = "online", **status: Any) -> str | None:
         found = DriveStatus(**{"state": DriveState.UNKNOWN, "reason": "drives.stale", **status})
-        names = {"key": "a", "name": "fan 1", "bus": "A", "model": "vc660", "presence": "online"}
-        return drive_row(found, address=1, has_duplicate_address=True, **names).reason
+        names = {"key": "a", "name": "fan 1", "bus": "A", "model": "vc660"}
+        return drive_row(found, address=1, has_duplicate_address=True, presence=presence, **names).reason
 
     assert reason() == i18n.text("drives.duplicate", output.language(), station=1)
     assert reason(state=DriveState.RUNNING, reason=None) is None
+    assert reason("offline") is reason(reason="drives.port_lost") is None
     assert reason(unusable_reply=STRAY) == i18n.text("bus.stray_before", output.language(), **STRAY.params)
 
 

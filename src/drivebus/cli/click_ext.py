@@ -222,8 +222,8 @@ class CliCommand(_LocalizedHelp, click.Command):
             return super().make_context(*args, **named)
 
     def invoke(self, ctx: click.Context) -> Any:
-        _has_begun.set(True)
         end_interrupt_on_sigterm()
+        _has_begun.set(True)
         try:
             with note_no_stop() if self.stops else nullcontext():
                 return super().invoke(ctx)

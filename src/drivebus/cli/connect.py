@@ -168,7 +168,7 @@ async def open_drive(target: Target, limits: DriveLimits | None = None) -> Async
 async def raise_late_reply(drive: Drive, error: NoReply) -> None:
     """Raise the error of a reply that came late, which one later read finds, in place of ``error``.
 
-    Nothing is read of a drive whose command may have arrived.
+    Nothing is read where a frame that moves the motor may have arrived.
     """
     from drivebus.errors import DrivebusError
 

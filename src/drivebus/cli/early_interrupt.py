@@ -9,16 +9,15 @@ import signal
 
 
 def interrupt_on_sigterm() -> None:
-    """Raise KeyboardInterrupt on SIGTERM, as on Ctrl-C, until the handler is replaced."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    """Raise KeyboardInterrupt on SIGTERM, as on Ctrl-C, until the handler is replaced; an ignored one stays ignored."""
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
-def end_interrupt_on_sigterm() -> bool:
-    """Let SIGTERM end the process again; return False where a command has set its own handler meanwhile."""
-    if signal.getsignal(signal.SIGTERM) is not signal.default_int_handler:
-        return False
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    return True
+def end_interrupt_on_sigterm() -> None:
+    """Let SIGTERM end the process again, unless a command has set its own handler meanwhile."""
+    if signal.getsignal(signal.SIGTERM) is signal.default_int_handler:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def is_early_interrupt(error: BaseException) -> bool:
@@ -26,4 +25,5 @@ def is_early_interrupt(error: BaseException) -> bool:
 
     Python 3.11 wraps a KeyboardInterrupt in a RuntimeError where it falls into a class body.
     """
-    return isinstance(error.__cause__ or error, KeyboardInterrupt) and end_interrupt_on_sigterm()
+    has_no_handler = signal.getsignal(signal.SIGTERM) in (signal.default_int_handler, signal.SIG_IGN)
+    return isinstance(error.__cause__ or error, KeyboardInterrupt) and has_no_handler

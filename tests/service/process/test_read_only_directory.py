@@ -223,7 +223,7 @@ def test_a_folder_in_the_place_of_the_lock_file_keeps_no_service_from_starting_a
     folder.mkdir()
     with single_instance(tmp_path), pytest.raises(ConfigurationError, match="already uses"), single_instance(tmp_path):
         pass
-    assert f"{folder} is a folder" in caplog.text and "remove it" in caplog.text
+    assert f"{folder} is a folder" in caplog.text and "Remove this folder" in caplog.text
     assert [error.key for error in directory_problems(tmp_path)] == ["plant.lock_is_folder"]
 
 

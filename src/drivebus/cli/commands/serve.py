@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from drivebus.cli import output
 from drivebus.cli.click_ext import Argument, Choice, CliCommand, Option
-from drivebus.cli.early_interrupt import interrupt_on_sigterm, is_early_interrupt
+from drivebus.cli.early_interrupt import end_interrupt_on_sigterm, interrupt_on_sigterm, is_early_interrupt
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.extras import require_extra
 from drivebus.errors import ConfigurationError
@@ -29,6 +29,7 @@ def _serve(plant: str, without: tuple[str, ...], log: LogFormat) -> ExitCode:
     except (KeyboardInterrupt, RuntimeError) as error:
         if not is_early_interrupt(error):
             raise
+        end_interrupt_on_sigterm()
         output.print_note("cli.interrupted_early")
         return ExitCode.INTERRUPTED
 

@@ -25,13 +25,8 @@ ERROR_COUNTERS = frozenset(
 _COLUMN_DECIMALS = {"set_frequency": 2, "output_frequency": 2, "output_current": 1}
 
 
-_REASONS_OF_SILENCE = {
-    "drives.not_read",
-    "drives.no_answer",
-    "drives.stale",
-    "drives.port_lost",
-    "drives.no_run_status",
-}
+_REASONS_OF_NO_READING = {"drives.not_read", "drives.no_answer", "drives.stale"}
+_REASONS_OF_SILENCE = {*_REASONS_OF_NO_READING, "drives.port_lost", "drives.no_run_status"}
 """Reasons that the presence, the bus or the model shows already."""
 
 
@@ -40,9 +35,10 @@ def unknown_reason(status: DriveStatus, presence: str, duplicate_of: int | None 
 
     ``duplicate_of``: address whose replies come twice.
     """
-    if duplicate_of is not None and status.state is DriveState.UNKNOWN and status.unusable_reply is None:
-        return output.text("drives.duplicate", station=duplicate_of)
     is_silent = status.unusable_reply is None and (presence != "online" or status.reason in _REASONS_OF_SILENCE)
+    is_read = status.unusable_reply is None and presence == "online" and status.reason in _REASONS_OF_NO_READING
+    if duplicate_of is not None and is_read and status.state is DriveState.UNKNOWN:
+        return output.text("drives.duplicate", station=duplicate_of)
     return None if is_silent else reason_text(status)
 
 

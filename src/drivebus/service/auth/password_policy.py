@@ -15,7 +15,7 @@ _MIN_DIFFERENT_CHARACTERS = 5
 MIN_UNCOMMON_CHARACTERS = 4
 """Different characters that a password needs besides common words, keyboard rows and digits."""
 _MIN_NAME_LENGTH = 3
-"""Latin letters of the shortest user name that a password may not contain: two are in many passwords by chance."""
+"""ASCII characters of the shortest user name that no password may contain: two are in many passwords by chance."""
 _COMMON_WORDS = """
 password passwort passwd pass login secret default changeme letmein welcome hello iloveyou woaini wodemima mima
 admin administrator root user guest test master super operator engineer viewer service company office factory
@@ -103,8 +103,12 @@ def check_password_policy(password: str, name: str) -> str:
 
 
 def _contains_name(password: str, name: str) -> bool:
+    """Return whether a password contains the user name; a short name may be part of it, with enough other letters."""
+    folded = name.casefold()
+    rest = password.casefold().replace(folded, "")
     is_long = len(name) >= _MIN_NAME_LENGTH or not name.isascii()  # two Chinese characters are a whole name
-    return is_long and name.casefold() in password.casefold()
+    is_little_else = len(set(filter(str.isalpha, rest))) < MIN_UNCOMMON_CHARACTERS
+    return folded in password.casefold() and (is_long or is_little_else)
 
 
 def normalized_password(password: str) -> str:
