@@ -20,7 +20,7 @@ WAITING := tests/cli tests/interop tests/ports tests/gateways tests/service/proc
 DOCUMENTED := tests/test_examples.py tests/test_guides.py tests/test_api_guide.py tests/test_guide_commands.py \
 	tests/web/api/test_schemathesis.py
 
-# Python and pytest keep what they compiled: the processes of a test run would compile the same files again and again.
+# Python and pytest keep what they compile; otherwise each process of a test run compiles the same files again.
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help demo test check docs bench coverage mutation verify structure fuzz lock clean python

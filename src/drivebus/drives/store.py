@@ -55,7 +55,7 @@ class FileStore:
 
     Its owner alone has access; programs that share it read it again under a lock for each change. Raises
     ConfigurationError where it has another format, or can't be read or written: counters never start again from 0.
-    ``may_vanish`` False: also where the file is missing beside its lock, which shows that it existed.
+    ``may_vanish``: a missing file reads as empty; otherwise its lock shows that it existed, and reading it raises too.
     """
 
     def __init__(self, path: Path | str, *, may_vanish: bool = True) -> None:
@@ -80,7 +80,7 @@ class FileStore:
                     _replace(self.path, _encode(values))
             finally:
                 if is_new and not self._may_vanish and not self.path.exists():
-                    self._lock_path.unlink(missing_ok=True)  # it would tell of a file that never existed
+                    self._lock_path.unlink(missing_ok=True)  # the lock would show a file that never existed
         except OSError as error:
             problem = SystemReason(error)
             raise ConfigurationError("drives.store_unwritable", file=str(self.path), problem=problem) from error

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivebus.cli import output
 from drivebus.cli.formatting import reading_json, reason_text, round_or_none
-from drivebus.drives.state import DriveState, join_fault
+from drivebus.drives.state import join_fault
 from drivebus.values import Quality, Reading
 
 if TYPE_CHECKING:
@@ -35,11 +35,13 @@ def unknown_reason(status: DriveStatus, presence: str, duplicate_of: int | None 
 
     ``duplicate_of``: address whose replies come twice.
     """
-    is_silent = status.unusable_reply is None and (presence != "online" or status.reason in _REASONS_OF_SILENCE)
-    is_read = status.unusable_reply is None and presence == "online" and status.reason in _REASONS_OF_NO_READING
-    if duplicate_of is not None and is_read and status.state is DriveState.UNKNOWN:
+    if status.unusable_reply is not None:
+        return reason_text(status)
+    if presence != "online":
+        return None
+    if duplicate_of is not None and status.reason in _REASONS_OF_NO_READING:
         return output.text("drives.duplicate", station=duplicate_of)
-    return None if is_silent else reason_text(status)
+    return None if status.reason in _REASONS_OF_SILENCE else reason_text(status)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, TypeGuard
 
 from drivebus import i18n
 from drivebus.service.alarms.texts import subject_name
@@ -188,7 +188,7 @@ def _outcome(item: Json, titles: Titles) -> Text | None:
     if not outcome:
         return None
     sentence = params.get(ERROR_TEXT) if isinstance(params, dict) else None
-    if isinstance(sentence, dict) and _is_text(sentence):
+    if _is_text(sentence):
         return Text.from_mapping(sentence)
     parts, params = str(outcome).split(", "), params if isinstance(params, dict) else {}
     is_of_target = len(parts) == 1 and bool(item.get("target")) and params.get("group") != item["target"]
@@ -197,8 +197,8 @@ def _outcome(item: Json, titles: Titles) -> Text | None:
     return Text.join([each for part in parts for each in of_drives[part] or [_outcome_part(part, named)]], "clauses")
 
 
-def _is_text(value: Json) -> bool:
-    return all(isinstance(value.get(language), str) for language in i18n.LANGUAGES)
+def _is_text(value: Any) -> TypeGuard[Json]:
+    return isinstance(value, dict) and all(isinstance(value.get(language), str) for language in i18n.LANGUAGES)
 
 
 def _error_texts(code: str, params: Mapping[str, Any], titles: Titles) -> list[Text]:
@@ -209,7 +209,7 @@ def _error_texts(code: str, params: Mapping[str, Any], titles: Titles) -> list[T
     texts = {
         drive: Text.from_mapping(text)
         for drive, text in recorded.items()
-        if outcomes.get(drive) == code and isinstance(text, dict) and _is_text(text)
+        if outcomes.get(drive) == code and _is_text(text)
     }
     if len(texts) <= 1:
         return [*texts.values()]

@@ -68,7 +68,7 @@ def _open_lock_file(path: Path) -> int | None:
 def directory_problems(directory: Path) -> Iterator[ConfigurationError]:
     """Yield why a service could not write its state directory, or lock it with its file; one that is missing is made.
 
-    It runs as the owner of the directory, whoever asks.
+    The service runs as the owner of the directory, so that user's rights count, not those of the caller.
     """
     with suppress(OSError):  # a directory that this user may not enter is not known
         status = directory.stat()

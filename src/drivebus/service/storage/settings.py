@@ -1,7 +1,7 @@
 """Waivers, limits and communication-loss tests of drives, read back after a restart, also from a damaged file.
 
-A file that can't be read is put aside, and the new one names the drives whose limits are lost with it: a start without
-them might be too fast for the machine. So does the new one where the file is missing beside its lock.
+A file that can't be read is put aside. The new file in its place, or in that of a missing one, names the drives whose
+limits are lost: a start without them might be too fast for the machine.
 """
 
 from __future__ import annotations
@@ -145,5 +145,7 @@ def recover_settings(store: FileStore, drives: Iterable[str], now_ms: int) -> No
             language = i18n.preferred()
             LOG.error(i18n.join((error.text(language), failure.text(language)), "clauses", language))
         else:
-            put_aside = i18n.preferred_text("log.put_aside", why=error, copy=aside)
-            LOG.error(error.text(i18n.preferred()) if aside is None else put_aside)
+            if aside is None:
+                LOG.error(error.text(i18n.preferred()))
+            else:
+                LOG.error(i18n.preferred_text("log.put_aside", why=error, copy=aside))
