@@ -4,7 +4,8 @@
 
 ``run``: start address 1 of every line, one after the other, and keep polling. ``start N``: print "queued" as soon as
 runs of addresses 1 to N of the first line are commanded, then the result of each. ``queue N``: the same with permits
-granted and all frames in the bus's queue behind a read; the process then stops itself like a frozen machine.
+granted and all frames in the bus's queue while a read is on the line; the process then stops itself like a frozen
+machine.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from typing import Any
 from drivebus import profiles
 from drivebus.bus import Bus
 from drivebus.bus.messages import BusRequest, RequestPriority
+from drivebus.bus.trace import TraceKind
 from drivebus.drives import Drive, MemoryStore, permissives
 from drivebus.drives.operations.steps import BusConditions
 from drivebus.drives.state import DerivedState, DriveState
@@ -110,8 +112,10 @@ def start_of(bus: Bus, drive: Drive) -> BusRequest:
 async def queue(model: str, url: str, count: int) -> None:
     async with Bus(open_port(url)) as bus:
         drives = [slow_machine_drive(bus, model, address) for address in range(1, count + 1)]
+        occupied = asyncio.Event()
+        bus.trace(lambda event: occupied.set() if event.kind is TraceKind.SENT else None)
         first = asyncio.create_task(bus.transact(BusRequest(station=1, request=drives[0].dialect.echo_test_read())))
-        await asyncio.sleep(0)
+        await occupied.wait()  # a read that waited for silence after the opening would go after the starts
         starts = [asyncio.create_task(bus.transact(start_of(bus, drive))) for drive in drives]
         await asyncio.sleep(0)
         print_event(event="queued")
