@@ -406,8 +406,7 @@ def _memory_key(locator: Locator) -> int:
 def _number_places(profile: DriveProfile) -> dict[Locator, tuple[Locator, int, int]]:
     """Return each register of a number in two: the locator of the number, its place there, and the count."""
     places: dict[Locator, tuple[Locator, int, int]] = {}
-    entries: list[Signal | Parameter] = [*profile.signals.values(), *profile.parameters.values()]
-    spans = [span_of(entry) for entry in entries]
+    spans = [span_of(entry) for entry in profile.entries()]
     if profile.commands is not None:
         spans.append(Span("holding", profile.commands.setpoint_register, profile.setpoint_scale.words))
     for span in spans:

@@ -6,8 +6,9 @@ A locator is ``(space, index)``, for example ("monitor", n) and ("parameter", gr
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any, Literal
 
 from drivebus.profiles.words import CommandMap, StatusMap
@@ -344,6 +345,14 @@ class DriveProfile:
     """Text of such a code, with the parameter ``{code}``."""
     evidence: Mapping[str, Evidence]
     """Name of a section of the file, such as "serial" → origin of all its facts."""
+
+    def entries(self) -> Iterator[Signal | Parameter]:
+        """Return all signals, then all parameters."""
+        return chain(self.signals.values(), self.parameters.values())
+
+    def entry_at(self, locator: Locator) -> Signal | Parameter | None:
+        """Return the first signal or parameter at an address."""
+        return next((entry for entry in self.entries() if entry.locator == locator), None)
 
     def fault(self, code: int) -> FaultEntry:
         """Return the entry of a fault code; an unpublished code gets the general label and text."""

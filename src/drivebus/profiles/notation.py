@@ -65,7 +65,7 @@ def format_locator(locator: Locator, profile: DriveProfile) -> str:
 
     Where that notation finds an entry at another address, the space stands before it: ``holding:0000H``.
     """
-    listed = _find_listed(profile, locator)
+    listed = profile.entry_at(locator)
     notation = listed.notation if listed else _style(profile.notation).format(locator, profile.notation.highest)
     other = _find_by_notation(profile, notation) if listed is None else None
     return notation if other is None else f"{locator[0]}:{notation}"
@@ -90,7 +90,7 @@ def find_entry(profile: DriveProfile, name: str) -> Signal | Parameter:
         if error.key != "profiles.notation":
             raise (_no_group_error(profile, name) or error) from None
         raise _unknown_name_error(profile, name) from None
-    listed = _find_listed(profile, locator) or _find_by_notation(profile, name)
+    listed = profile.entry_at(locator) or _find_by_notation(profile, name)
     return listed or _unlisted_parameter(profile, name, locator)
 
 
@@ -121,16 +121,10 @@ def _style(rule: NotationRule) -> NotationStyle:
     return protocol_family(rule.family).notations[rule.style]
 
 
-def _find_listed(profile: DriveProfile, locator: Locator) -> Signal | Parameter | None:
-    entries: list[Signal | Parameter] = [*profile.signals.values(), *profile.parameters.values()]
-    return next((entry for entry in entries if entry.locator == locator), None)
-
-
 def _find_by_notation(profile: DriveProfile, name: str) -> Signal | Parameter | None:
     """Find the entry of a notation that gives no address (P0-10), or not its space; the profile gives the register."""
     folded_name = name.strip().casefold()
-    entries: list[Signal | Parameter] = [*profile.signals.values(), *profile.parameters.values()]
-    return next((entry for entry in entries if entry.notation.casefold() == folded_name), None)
+    return next((entry for entry in profile.entries() if entry.notation.casefold() == folded_name), None)
 
 
 def _find_by_numbers(profile: DriveProfile, name: str) -> Parameter | None:

@@ -9,7 +9,6 @@ from typing import Any
 from drivebus.profiles import DriveProfile
 from drivebus.profiles.model import Parameter, Signal
 from drivebus.protocols.describe import FrameDescription, Note
-from drivebus.protocols.family import Locator
 
 FieldDict = dict[str, Any]
 ProfileEntry = Signal | Parameter
@@ -25,16 +24,6 @@ def annotate(
         errata=(*description.errata, *errata),
         hazards=(*description.hazards, *hazards),
     )
-
-
-def entries(profile: DriveProfile) -> list[ProfileEntry]:
-    """Return all signals and parameters of a model."""
-    return [*profile.signals.values(), *profile.parameters.values()]
-
-
-def entry_at(profile: DriveProfile, locator: Locator) -> ProfileEntry | None:
-    """Return the signal or parameter at an address."""
-    return next((entry for entry in entries(profile) if entry.locator == locator), None)
 
 
 def scaled_value(entry: ProfileEntry, word: int) -> float | None:

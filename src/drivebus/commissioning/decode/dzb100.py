@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-from drivebus.commissioning.decode.annotate import FieldDict, annotate, entry_at, fault_fields, quantity_fields
+from drivebus.commissioning.decode.annotate import FieldDict, annotate, fault_fields, quantity_fields
 from drivebus.profiles import DriveProfile
 from drivebus.protocols import dzb100
 from drivebus.protocols.describe import FrameDescription, FrameDirection
@@ -47,7 +47,7 @@ def _word_fields(profile: DriveProfile, description: FrameDescription) -> FieldD
     if head == "C":
         return _frequency_by_coding(word) if "frequency_hz" in fields else {}
     space, index = ("query", fields.get("item")) if head == "Q" else ("parameter", fields.get("parameter"))
-    entry = None if index is None else entry_at(profile, (space, index))
+    entry = None if index is None else profile.entry_at((space, index))
     if entry is None:
         return {}
     added = _frequency_by_coding(word) if entry.unit == "Hz" else FieldDict()

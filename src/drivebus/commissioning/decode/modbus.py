@@ -16,7 +16,6 @@ from drivebus.commissioning.decode.annotate import (
     FieldDict,
     annotate,
     broadcast_field,
-    entry_at,
     quantity_fields,
     scaled_value,
 )
@@ -103,7 +102,7 @@ def _strip_eeprom_bit(profile: DriveProfile, register: int) -> tuple[int, bool]:
     if bit and register & bit and register ^ bit <= profile.notation.highest:
         return register ^ bit, True
     mask = profile.write_support.ram_address_mask
-    if mask and isinstance(entry_at(profile, ("holding", register | mask)), Parameter):
+    if mask and isinstance(profile.entry_at(("holding", register | mask)), Parameter):
         return register | mask, register & mask == mask
     return register, False
 
@@ -112,7 +111,7 @@ def _is_known_register(profile: DriveProfile, space: str, register: int) -> bool
     commands, status = profile.commands, profile.status
     special = {commands.register, commands.setpoint_register} if commands else set()
     special |= {status.register} if status else set()
-    return register <= profile.notation.highest or register in special or bool(entry_at(profile, (space, register)))
+    return register <= profile.notation.highest or register in special or bool(profile.entry_at((space, register)))
 
 
 def _model_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Note]:
@@ -143,7 +142,7 @@ def _access_errata(profile: DriveProfile, fields: Mapping[str, Any]) -> list[Not
     elif address == profile.broadcast and function in (1, 2, 3, 4):
         notes.append(note("explain.broadcast_read", address=address))
     space = REQUEST_SPACES.get(function or 0, "holding")
-    entry = None if register is None else entry_at(profile, (space, register))
+    entry = None if register is None else profile.entry_at((space, register))
     commands = profile.commands
     if commands and function == 6 and (commands.space, commands.register) == ("holding", register):
         notes += _undescribed_bits(profile, fields["value"])
@@ -209,7 +208,7 @@ def _value_row(profile: DriveProfile, locator: Locator, values: Mapping[Locator,
         FieldDict(notation=format_locator(locator, profile), raw=values[locator]),
         _word_fields(profile, locator, values[locator]),
     )
-    entry = entry_at(profile, locator)
+    entry = profile.entry_at(locator)
     if entry is None:
         return row | bits
     name = getattr(entry, "name", None)
@@ -278,7 +277,7 @@ def _written_fields(profile: DriveProfile, register: int, word: int) -> FieldDic
     for name, write in fixed.items():
         if write is not None and (write.register, write.value) == (register, word):
             return FieldDict(commands=[name])
-    entry = entry_at(profile, ("holding", register))
+    entry = profile.entry_at(("holding", register))
     meaning = {} if entry is None else FieldDict(meaning=entry.text)
     choice = entry.choices.get(word) if isinstance(entry, Parameter) else None
     return meaning | quantity_fields(entry, word) | ({} if choice is None else FieldDict(choice=choice))
@@ -313,7 +312,7 @@ def _is_directionless_jog(profile: DriveProfile, word: int) -> bool:
 def _write_hazards(profile: DriveProfile, register: int, word: int) -> list[Note]:
     commands = profile.commands
     if not commands or (commands.space, commands.register) != ("holding", register):
-        entry = entry_at(profile, ("holding", register))
+        entry = profile.entry_at(("holding", register))
         return [note("explain.terminals")] if isinstance(entry, Parameter) and is_terminal_word(entry) else []
     notes = []
     names = _command_names(profile, word)

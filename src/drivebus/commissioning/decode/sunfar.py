@@ -9,7 +9,6 @@ from __future__ import annotations
 from drivebus.commissioning.decode.annotate import (
     annotate,
     broadcast_field,
-    entries,
     fault_fields,
     quantity_fields,
 )
@@ -27,7 +26,7 @@ def describe(
     description = sunfar.describe(data, encoding, direction, request, decode_options(profile))
     fields = description.fields
     notation = fields.get("parameter") or fields.get("monitor")
-    entry = next((entry for entry in entries(profile) if entry.notation == notation), None)
+    entry = next((entry for entry in profile.entries() if entry.notation == notation), None)
     added = {} if entry is None or entry.unit == "Hz" else quantity_fields(entry, fields.get("data"))
     is_broadcast = broadcast_field(profile, description)
     is_read = fields.get("class") in _READ_CLASSES
@@ -37,7 +36,7 @@ def describe(
 
 def decode_options(profile: DriveProfile) -> sunfar.SunfarDecodeOptions:
     """Return the frequency step, the frequencies and the monitor coding of a model."""
-    hertz = [entry.locator for entry in entries(profile) if entry.unit == "Hz"]
+    hertz = [entry.locator for entry in profile.entries() if entry.unit == "Hz"]
     return sunfar.SunfarDecodeOptions(
         frequency_step_hz=profile.setpoint_scale.factor,
         frequency_monitors=frozenset(index for space, index in hertz if space == "monitor"),
