@@ -14,10 +14,11 @@ import pytest
 from click.testing import CliRunner
 
 from drivebus import i18n
-from drivebus.cli import connect, output
+from drivebus.cli import connect
 from drivebus.cli.commands import calibrate
 from drivebus.cli.connect import Target
 from drivebus.cli.errors import ExitCode
+from drivebus.cli.main import cli
 from drivebus.drives.operations.setpoint_step_calibration import STEPS
 from drivebus.errors import ConfigurationError, LimitError, StopUnconfirmed
 from drivebus.simulator.port import clear_simulated_buses, find_simulated_bus
@@ -302,9 +303,8 @@ def test_without_a_terminal_nothing_is_opened(monkeypatch: pytest.MonkeyPatch) -
     ("model", "reads", "purposes"), [("dzb100", 4, 4), ("df800", 4, 3), ("c320", 2, 3), ("vc660", 0, 0)]
 )
 def test_a_dry_run_prints_the_checks_and_the_frames_of_the_open_steps(model: str, reads: int, purposes: int) -> None:
-    words = ["/dev/absent", "--model", model, "--address", "1", "--dry-run", "--json"]
-    output.parse_global_options(words)
-    result = CliRunner().invoke(calibrate.command, words, standalone_mode=False)
+    words = ["calibrate", "/dev/absent", "--model", model, "--address", "1", "--dry-run", "--json"]
+    result = CliRunner().invoke(cli, words)
     frames = json.loads(result.stdout)["frames"]
     assert len(frames) == reads + purposes
     if model == "dzb100":
