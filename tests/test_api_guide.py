@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import peers
+from drivebus import i18n
 from drivebus.cli.demo.host import free_port
 from fixtures.child_process import COMMAND, ENVIRONMENT, lines_until
 from test_guides import blocks
@@ -47,8 +48,8 @@ class Reader:
         assert below == "text"
         return (["sh", "-e", "-c", text] if kind == "sh" else [sys.executable, "-c", text]), printed.splitlines()
 
-    def run(self, command: list[str], given: str = "") -> list[str]:
-        done = subprocess.run(
+    def finished(self, command: list[str], given: str = "") -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
             command,
             cwd=self.folder,
             env=self.environment,
@@ -58,6 +59,9 @@ class Reader:
             timeout=BLOCK_TIMEOUT_S,
             check=False,
         )
+
+    def run(self, command: list[str], given: str = "") -> list[str]:
+        done = self.finished(command, given)
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout.splitlines()
 
@@ -108,3 +112,16 @@ def test_every_block_of_the_page_prints_what_the_page_shows(tmp_path: Path) -> N
         assert set(printed) <= {*states, "unknown"}, "unknown: a loaded machine read the drive late"
         command, expected = reader.program(python)
         assert reader.run(command) == expected
+
+
+def test_the_start_with_curl_ends_with_the_sentence_of_its_error(tmp_path: Path) -> None:
+    """With a wrong token it waited for ever for a motor that was never started, without a word."""
+    peers.need_program("curl", "curl")
+    reader = Reader(tmp_path)
+    (curl,) = [number for number, (kind, _) in enumerate(reader.blocks) if kind == "sh"]
+    command, _ = reader.program(curl)
+    with reader.service():
+        reader.environment["DRIVEBUS_TOKEN"] = "dbt_wrong"
+        done = reader.finished([word for word in command if word != "-e"])  # as in a terminal
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == i18n.text("auth.not_logged_in", "en") + "\n"
