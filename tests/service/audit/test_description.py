@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+from drivebus.service.api.dispatcher import _completed_entry
+from drivebus.service.audit import AuditEntry
 from drivebus.service.audit.description import described
 from drivebus.values import Text
 
@@ -210,6 +212,21 @@ def test_errors_of_several_drives_are_sentences_and_name_the_drives_where_they_d
     damaged = {"group": "air", "outcomes": outcomes, "error_texts": {"fan-1": 1}}
     found = outcome_text(record("group.start", "air", outcome="drives.start_failed", **damaged))
     assert found == outcome_text(record("group.start", "air", outcome="drives.start_failed"))
+
+
+def test_each_drive_of_a_command_is_named_with_the_sentence_of_its_error() -> None:
+    """Only the first drive of each different sentence was named: the others could have had any of them."""
+    tripped, stopped = {"en": "it has tripped", "zh": "故障"}, {"en": "it was stopped", "zh": "已停机"}
+    errors = {"fan-1": tripped, "fan-2": stopped, "fan-3": tripped, "fan-4": tripped, "fan-5": stopped}
+    outcomes = {drive: {"code": "drives.start_failed", "text": text} for drive, text in errors.items()}
+    entry = _completed_entry(
+        AuditEntry(what="group.start", target="air", params={"group": "air"}), {"outcomes": outcomes}
+    )
+    row = record("group.start", "air", outcome=str(entry.outcome), **entry.params)
+    assert described(row, {"drive": {"fan-1": Text("Fan 1", "风机 1")}})["outcome_text"] == {
+        "en": "Fan 1, fan-3, fan-4: it has tripped; fan-2, fan-5: it was stopped",
+        "zh": "风机 1、fan-3、fan-4：故障；fan-2、fan-5：已停机",
+    }
 
 
 def test_the_reason_of_a_denied_request_reads_as_words_without_the_values_that_a_record_lacks() -> None:

@@ -362,14 +362,19 @@ def _completed_entry(entry: AuditEntry, result: Json) -> AuditEntry:
 
 
 def _error_texts(by_drive: Json) -> Json:
-    """Return the different sentences of each error, under the first drive that each is of."""
+    """Return the sentence of each drive's error; of one that an earlier drive has too, the id of that drive."""
     by_code: dict[str, Json] = {}
+    found: Json = {}
     for drive, item in by_drive.items():
+        if "status" in item or "text" not in item:
+            continue
         texts = by_code.setdefault(_status_of(item), {})
-        is_new = "status" not in item and "text" in item and item["text"] not in texts.values()
-        if is_new and len(texts) < MAX_ERROR_TEXTS:
-            texts[drive] = item["text"]
-    return {drive: text for texts in by_code.values() for drive, text in texts.items()}
+        first = next((first for first, text in texts.items() if text == item["text"]), None)
+        if first is not None:
+            found[drive] = first
+        elif len(texts) < MAX_ERROR_TEXTS:
+            found[drive] = texts[drive] = item["text"]
+    return found
 
 
 def _status_of(item: Json) -> str:

@@ -202,7 +202,7 @@ def _is_text(value: Any) -> TypeGuard[Json]:
 
 
 def _error_texts(code: str, params: Mapping[str, Any], titles: Titles) -> list[Text]:
-    """Return the sentences of an error of several drives; where they differ, each with the title of its drive."""
+    """Return the sentences of an error of several drives; where they differ, each with the titles of its drives."""
     recorded, outcomes = params.get(ERROR_TEXTS), params.get("outcomes")
     if not isinstance(recorded, dict) or not isinstance(outcomes, dict):
         return []
@@ -214,10 +214,15 @@ def _error_texts(code: str, params: Mapping[str, Any], titles: Titles) -> list[T
     if len(texts) <= 1:
         return [*texts.values()]
     shown = [
-        bilingual_text("audit.details", done=_title("drive", drive, titles), details=text)
-        for drive, text in texts.items()
+        bilingual_text("audit.details", done=_named_drives(_with_same_text(first, recorded), titles), details=text)
+        for first, text in texts.items()
     ]
     return shown if len(shown) < MAX_ERROR_TEXTS else [*shown[: MAX_ERROR_TEXTS - 1], Text("…", "…")]
+
+
+def _with_same_text(first: str, recorded: Json) -> list[str]:
+    """Return the drive whose error has a sentence in a record, and those whose error has the same one."""
+    return [first, *(drive for drive, same_as in recorded.items() if same_as == first)]
 
 
 def _outcome_part(code: str, params: Mapping[str, Any]) -> Text:

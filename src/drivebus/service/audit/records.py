@@ -143,7 +143,7 @@ def _limit_length(text: str) -> Any:
 ERROR_TEXT: Final = "error_text"
 """Parameter of a failed command: the sentence of its error by language."""
 ERROR_TEXTS: Final = "error_texts"
-"""Parameter of a command to several drives: sentences of their errors by language, each under the first such drive."""
+"""Parameter of a command to several drives: the sentence of the error of each, or the id of a drive that has it too."""
 MAX_ERROR_TEXTS = 4
 """Different sentences of one error that a record keeps; it shows one less, as more may have been left out."""
 GENESIS_HASH: Final = "0" * 64
