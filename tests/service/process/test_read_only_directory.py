@@ -15,6 +15,7 @@ from types import SimpleNamespace
 import pytest
 from click.testing import CliRunner, Result
 
+from drivebus import i18n
 from drivebus.cli.commands import stop
 from drivebus.cli.main import cli
 from drivebus.errors import ConfigurationError
@@ -230,7 +231,9 @@ def test_a_folder_in_the_place_of_the_lock_file_keeps_no_service_from_starting_a
 def test_check_names_a_state_directory_that_cannot_be_written_with_its_remedy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It was silent, and the service then refused every start."""
+    """It was silent, and the service then refused every start. The help did not say that it looks."""
+    for language, words in {"en": "a state directory", "zh": "状态目录"}.items():
+        assert words in i18n.text("help.check.long", language)
     state, plant = tmp_path / "state", tmp_path / "plant.toml"
     plant.write_text(SHOP_FILE)
 
