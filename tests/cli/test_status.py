@@ -1,26 +1,33 @@
-"""``status`` and ``read`` of a drive that answers late, or whose first replies are lost: named as late, or read."""
+"""Commands on a drive that answers late or twice, or whose first replies are lost: they say so, or read it."""
 
 from __future__ import annotations
 
+import asyncio
 import json
+import os
+import signal
+import time
 from itertools import count
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 
 from drivebus import i18n
+from drivebus.cli import connect
 from drivebus.cli.commands.read import _read_again
 from drivebus.cli.commands.status import _read_status
 from drivebus.cli.connect import LATE_REPLY_WAIT_S
 from drivebus.cli.errors import ExitCode, error_hint
 from drivebus.cli.main import cli
+from drivebus.cli.tui.service_source import remote_drive_row
 from drivebus.drives.state import DriveStatus
-from drivebus.errors import DrivebusError
+from drivebus.errors import DrivebusError, NoReply
 from drivebus.simulator.port import simulated_bus_of
 from drivebus.simulator.wire import Transmission, Wire
 from drivebus.values import Reading
 from fixtures.drives import MODELS, SimulatedDrives, run_virtual
+from fixtures.service import running_service
 
 LATE_S = 0.4  # later than each of these models is expected to reply
 
@@ -128,29 +135,123 @@ def test_a_read_whose_first_two_replies_are_lost_shows_the_value_without_an_erro
         assert (document["values"][0]["value"], document["error"]) == (2, None)
 
 
-@pytest.mark.parametrize(
-    ("address", "delay_s", "key"), [(3, 0.6, "bus.late_reply"), (9, 0.6, "bus.offline"), (3, 0.0, None)]
-)
-def test_a_start_whose_checks_get_late_replies_names_them(
-    monkeypatch: pytest.MonkeyPatch, address: int, delay_s: float, key: str | None
-) -> None:
-    """It called the drive offline, with the advice to check address, baud rate and wiring."""
+ON_VC660 = ("sim://vc660@3", "--model", "vc660", "--address")
+LATE_COMMANDS = {
+    "hold-ramp": ("5",),
+    "loopback": (),
+    "pause": (),
+    "read": ("F00.01",),
+    "reset": (),
+    "run": ("--frequency", "5", "--detach"),
+    "set-frequency": ("5",),
+    "status": (),
+    "write": ("F00.02=1", "--save"),
+}
+"""Commands that send nothing that moves to a drive without a reply in time, and their words."""
+
+
+def words_of(command: str, address: int) -> list[str]:
+    return [command, ON_VC660[0], *LATE_COMMANDS[command], *ON_VC660[1:], str(address), "--json"]
+
+
+def error_of(command: str, result: Result) -> dict[str, Any]:
+    document = result.stdout if command == "read" else result.stdout.splitlines()[-1]  # it prints one over many lines
+    error: dict[str, Any] = json.loads(document)["error"]
+    return error
+
+
+def send_replies_late(monkeypatch: pytest.MonkeyPatch, delay_s: float) -> None:
     transmit = Wire.transmit_reply
     monkeypatch.setattr(
         Wire, "transmit_reply", lambda wire, source, data, now, at: transmit(wire, source, data, now, at + delay_s)
     )
-    words = ["run", "sim://vc660@3", "--model", "vc660", "--address", str(address), "--frequency", "5", "--detach"]
-    result = CliRunner().invoke(cli, [*words, "--json"])
-    if key is None:
-        assert result.exit_code == ExitCode.DONE
-        return
-    error = json.loads(result.stdout.splitlines()[-1])["error"]
-    assert (error["key"], error["hint"] in result.stderr.replace("\n", " ")) == (key, True)
+
+
+@pytest.mark.usefixtures("commands_in_virtual_time")
+@pytest.mark.parametrize("command", LATE_COMMANDS)
+def test_a_command_whose_replies_come_late_names_them_with_their_remedy(
+    monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    """Six of these called the drive offline, with the advice to check address, baud rate and wiring."""
+    send_replies_late(monkeypatch, 0.6)
+    result = CliRunner().invoke(cli, words_of(command, 3))
+    error = error_of(command, result)
+    assert (error["key"], error["hint"] in result.stderr.replace("\n", " ")) == ("bus.late_reply", True)
     assert result.exit_code == ExitCode.FAILED
 
 
-def test_the_live_view_says_that_replies_come_twice(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its state was "unknown", without a reason."""
+@pytest.mark.usefixtures("commands_in_virtual_time")
+@pytest.mark.parametrize("command", LATE_COMMANDS)
+def test_a_command_to_a_drive_that_does_not_answer_calls_it_silent(command: str) -> None:
+    result = CliRunner().invoke(cli, words_of(command, 9))
+    error = error_of(command, result)
+    assert error["key"] in ("bus.no_reply", "bus.offline", "drives.setting_unread", "drives.preflight_unread")
+    assert result.exit_code == ExitCode.FAILED
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("command", ["read", "reset", "run", "status"])
+def test_a_signal_ends_the_wait_for_a_late_reply_at_once(
+    monkeypatch: pytest.MonkeyPatch, command: str, number: signal.Signals
+) -> None:
+    """``run`` waited the second to its end, and SIGTERM killed the others without a sentence or an exit code."""
+    wait_s, sleep = 30.0, asyncio.sleep
+
+    async def interrupted_sleep(seconds: float) -> None:
+        if seconds == wait_s:
+            os.kill(os.getpid(), number)
+        await sleep(seconds)
+
+    monkeypatch.setattr(connect, "LATE_REPLY_WAIT_S", wait_s)
+    monkeypatch.setattr("asyncio.sleep", interrupted_sleep)
+    began_at = time.monotonic()
+    result = CliRunner().invoke(cli, words_of(command, 9))
+    assert result.exit_code == ExitCode.INTERRUPTED
+    assert time.monotonic() - began_at < wait_s / 2
+
+
+@pytest.mark.usefixtures("commands_in_virtual_time")
+@pytest.mark.parametrize("words", [("stop",), ("coast",), ("run", "--frequency", "5")])
+def test_nothing_is_read_or_waited_for_after_a_stop_or_a_frame_that_may_move(
+    monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+) -> None:
+    """The replies come late from the command word of a start or a stop on."""
+    transmit, is_late = Wire.transmit_reply, False
+
+    def transmit_late(wire: Wire, source: object, data: bytes, now: float, at: float) -> Transmission:
+        nonlocal is_late
+        is_late = is_late or data.startswith(bytes.fromhex("03 06 20 00"))
+        return transmit(wire, source, data, now, at + 0.6 * is_late)
+
+    async def unexpected(*arguments: Any) -> None:
+        pytest.fail("waits for a late reply")
+
+    monkeypatch.setattr(Wire, "transmit_reply", transmit_late)
+    monkeypatch.setattr(connect, "failure_after_wait", unexpected)
+    result = CliRunner().invoke(cli, [words[0], ON_VC660[0], *words[1:], *ON_VC660[1:], "3"])
+    assert result.exit_code == ExitCode.UNKNOWN, result.output
+
+
+@pytest.mark.usefixtures("commands_in_virtual_time")
+@pytest.mark.parametrize("may_be_running", [True, None])
+def test_nothing_is_read_where_the_motor_may_be_running(
+    monkeypatch: pytest.MonkeyPatch, may_be_running: bool | None
+) -> None:
+    async def unexpected(*arguments: Any) -> None:
+        pytest.fail("waits for a late reply")
+
+    async def scenario() -> None:
+        async with connect.open_drive(connect.Target(port=ON_VC660[0], model="vc660", address=3)):
+            error = NoReply("bus.offline", station=3)
+            error.may_be_running = may_be_running
+            raise error
+
+    monkeypatch.setattr(connect, "failure_after_wait", unexpected)
+    with pytest.raises(NoReply):
+        asyncio.run(scenario())
+
+
+def send_replies_twice(monkeypatch: pytest.MonkeyPatch) -> None:
     transmit = Wire.transmit_reply
 
     def transmit_twice(wire: Wire, source: object, data: bytes, now: float, at: float) -> Transmission:
@@ -159,11 +260,30 @@ def test_the_live_view_says_that_replies_come_twice(monkeypatch: pytest.MonkeyPa
         return sent
 
     monkeypatch.setattr(Wire, "transmit_reply", transmit_twice)
+
+
+def test_the_live_view_says_that_replies_come_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its state was "unknown", without a reason."""
+    send_replies_twice(monkeypatch)
     words = ["monitor", "sim://vc660@3", "--model", "vc660", "--address", "3", "--json", "--period", "1"]
     result = CliRunner().invoke(cli, [*words, "--duration", "4"])
     documents = map(json.loads, result.stdout.splitlines())
     reasons = {document["drives"][0]["reason"] for document in documents if "drives" in document}
     assert i18n.text("drives.duplicate", "en", station=3) in reasons
+
+
+def test_the_live_view_of_a_service_says_likewise(monkeypatch: pytest.MonkeyPatch) -> None:
+    send_replies_twice(monkeypatch)
+
+    async def scenario() -> set[str | None]:
+        async with running_service() as kit:
+            reasons = set()
+            for _ in range(10):
+                await asyncio.sleep(1.0)
+                reasons.add(remote_drive_row(await kit.call("drives.get", drive="pump-1"), 0.0).reason)
+            return reasons
+
+    assert i18n.text("drives.duplicate", "en", station=1) in run_virtual(scenario())
 
 
 def test_the_document_of_a_failed_read_has_the_reason() -> None:

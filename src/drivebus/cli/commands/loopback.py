@@ -9,6 +9,7 @@ from drivebus.cli.click_ext import Option
 from drivebus.cli.connect import Target
 from drivebus.cli.drive_command import drive_command
 from drivebus.cli.errors import ExitCode
+from drivebus.errors import before_motion
 
 if TYPE_CHECKING:
     from drivebus.cli.dry_run import DryRun
@@ -24,7 +25,8 @@ async def _loopback(target: Target, count: int) -> ExitCode:
         with shutdown_signals() as shutdown:
             report: LoopbackReport | None
             if target.service is None:
-                report = await drive.loopback_test(count, lambda: shutdown.received)
+                with before_motion():
+                    report = await drive.loopback_test(count, lambda: shutdown.received)
             else:
                 report = await shutdown.interruptible(drive.loopback_test(count))
     is_complete = report is not None and report.requests == count

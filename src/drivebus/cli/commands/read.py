@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import re
 from typing import TYPE_CHECKING, Any
 
@@ -63,18 +62,8 @@ def _lack_replies(readings: Mapping[str, Reading]) -> bool:
 
 
 async def _read_again(drive: Drive, names: list[str]) -> tuple[dict[str, Reading], DrivebusError | None]:
-    """Read once more after ``LATE_REPLY_WAIT_S``.
-
-    Return the readings, and why the drive does not answer where it does not.
-    """
-    from drivebus.errors import DrivebusError
-
-    await asyncio.sleep(connect.LATE_REPLY_WAIT_S)
-    silence: DrivebusError | None = None
-    try:
-        await drive.identify()
-    except DrivebusError as error:
-        silence = error
+    """Read once more, later. Return the readings, and why the drive does not answer where it does not."""
+    silence = await connect.failure_after_wait(drive)
     readings = await drive.read(names)
     return readings, silence if _lack_replies(readings) else None
 

@@ -52,12 +52,12 @@ class RunOptions:
 
 async def _run(target: Target, frequency: float, *, reverse: bool, wait: bool, detach: bool) -> ExitCode:
     from drivebus.cli.signals import shutdown_signals
-    from drivebus.errors import ControlNotHeld, NoReply
+    from drivebus.errors import ControlNotHeld
 
     chosen = RunOptions(frequency_hz=frequency, direction=_direction(reverse=reverse), wait=wait, detach=detach)
     requested_at = monotonic_now()
     with shutdown_signals(may_suspend=False) as shutdown:
-        async with connect.open_drive(target) as (bus, drive):
+        async with connect.open_drive(target, shutdown=shutdown) as (bus, drive):
             if detach:
                 await print_comm_loss(drive)
             check_start_delay(requested_at)
@@ -70,8 +70,6 @@ async def _run(target: Target, frequency: float, *, reverse: bool, wait: bool, d
             except BaseException as error:
                 if must_stop_after(error):
                     await drive.stop()
-                if isinstance(error, NoReply) and target.service is None:
-                    await connect.raise_late_reply(drive, error)
                 raise
             if code is None:
                 return ExitCode.DONE

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import TYPE_CHECKING
 
 from drivebus.cli import connect, output
@@ -31,10 +30,7 @@ async def _status(target: Target) -> ExitCode:
 
 
 async def _read_status(drive: Drive) -> DriveStatus:
-    """Read the status; where no reply comes, once more a second later, so that one which comes late is named as late.
-
-    Raises the error of the second attempt.
-    """
+    """Read the status, once more where no reply came to the first read. Raises the error of a late reply as such."""
     from drivebus.errors import NoReply
 
     try:
@@ -42,7 +38,8 @@ async def _read_status(drive: Drive) -> DriveStatus:
     except NoReply as error:
         if error.key == "bus.late_reply":
             raise
-        await asyncio.sleep(connect.LATE_REPLY_WAIT_S)
+        if (failure := await connect.failure_after_wait(drive)) is not None:
+            raise failure from None
         return await drive.status()
 
 

@@ -102,6 +102,7 @@ def remote_drive_row(view: Json, now: float) -> DriveRow:
         model=view["model"],
         address=view["address"],
         presence=view["presence"],
+        has_duplicate_address=any(blocker["key"] == "drives.duplicate" for blocker in view["start_blockers"]),
     )
     return replace(row, commanded_hz=view["commanded_hz"])
 
