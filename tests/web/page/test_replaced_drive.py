@@ -13,6 +13,7 @@ import pytest
 from drivebus import i18n
 from fixtures.browser import Stage
 from fixtures.browser_actions import expecting
+from fixtures.service import allow_late_replies
 
 ADDRESS, BUS_AND_MODEL = "fan-2", "pump-1"
 """Drives with which the supply fan changes places: on the same bus, and on another one with another model."""
@@ -30,7 +31,7 @@ def exchanged(stage: Stage, other: str) -> Iterator[None]:
     def reload(text: str) -> None:
         file.write_text(text, encoding="utf-8")
         stage.call("configuration.reload")
-        stage._allow_late_replies()
+        allow_late_replies(stage.service)
         drives = ("fan-1", other)
         stage.wait(lambda: all(stage.view(id)["presence"] == "online" for id in drives), "a drive does not answer")
 
