@@ -84,6 +84,20 @@ def test_throttled_logins_do_not_fill_the_audit_trail(tmp_path: Path) -> None:
     run(scenario())
 
 
+def test_logins_under_ever_new_names_from_many_addresses_do_not_fill_the_audit_trail(tmp_path: Path) -> None:
+    """Who may not log in chooses the names: they are no users whose requests would be counted apart."""
+    harness = WebAppHarness(tmp_path)
+
+    async def scenario() -> None:
+        assert {await guess(harness, f"user{n}", f"10.0.0.{n}") for n in range(200)} == {401}
+        await asyncio.sleep(SUMMARY_PERIOD_S + 1)
+        denials = [entry for entry, _ in harness.service.records if entry["what"] == "refused"]
+        assert sum(entry["params"]["times"] for entry in denials) == 200
+        assert len(denials) == MAX_KINDS_PER_PERIOD + 1, "the first kinds, and one count of the others"
+
+    run(scenario())
+
+
 def test_a_person_with_a_known_browser_logs_in_however_often_others_try_the_name(tmp_path: Path) -> None:
     """That holds where all clients have the address of a reverse proxy, and where the wrong attempts never end."""
     harness = WebAppHarness(tmp_path)

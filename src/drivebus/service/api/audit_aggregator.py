@@ -49,11 +49,12 @@ class RecordKind(NamedTuple):
     client: str
     """Name and address of the actor."""
     user: str
-    """Name of the actor's user; empty before a login."""
+    """Name of the actor's user; empty before a login, where the name is what a client without an account sent."""
 
     @classmethod
     def of(cls, what: str, target: str, outcome: str, actor: Actor) -> RecordKind:
-        return cls(what, target, outcome, f"{actor.name}@{actor.address}", actor.user)
+        user = actor.user if actor.session else ""
+        return cls(what, target, outcome, f"{actor.name}@{actor.address}", user)
 
     @property
     def others(self) -> RecordKind:
