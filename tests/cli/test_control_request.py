@@ -72,6 +72,13 @@ def asking(service: str, *words: str) -> Any:
     return running_command("control", "request", "--service", service, *FAN, "--json", *words)
 
 
+def grant_by_bob(plant: RunningService) -> None:
+    """Let the user who controls the drive hand it over to the one who asks."""
+    wait_for(lambda: asked(plant))
+    request = view(plant)["control_request"]["id"]
+    plant.run_in_loop(lambda: plant.kit.call("control_request.grant", BOB, drive="fan-1", request=request))
+
+
 def result_of(process: subprocess.Popen[str]) -> Any:
     """Return the answer that the command printed."""
     return json.loads(lines_until(process, lambda line: '"control"' in line)[-1])
@@ -171,12 +178,38 @@ def test_control_is_released_for_the_next_command_on_the_socket_and_held_until_c
     plant.run_in_loop(lambda: plant.kit.call("lease.take", BOB, drive="fan-1"))
     service, more = (str(plant.socket), ()) if transport == "socket" else (plant.url, ("--hold",))
     with asking(service, *more) as asker:
-        wait_for(lambda: asked(plant))
-        request = view(plant)["control_request"]["id"]
-        plant.run_in_loop(lambda: plant.kit.call("control_request.grant", BOB, drive="fan-1", request=request))
+        grant_by_bob(plant)
         assert result_of(asker)["control"] == "granted"
         if transport == "hold":
             wait_for(lambda: plant.kit.service.plant.leases._leases["fan-1"].claimed)
             asker.send_signal(signal.SIGINT)
         asker.wait(CHILD_TIMEOUT_S)
     assert view(plant)["lease"] is None
+
+
+@pytest.mark.parametrize(
+    ("transport", "sentence"), [("http", "ends in ten seconds"), ("socket", "your next command takes it")]
+)
+def test_a_granted_request_says_how_long_control_lasts(plant: RunningService, transport: str, sentence: str) -> None:
+    plant.run_in_loop(lambda: plant.kit.call("lease.take", BOB, drive="fan-1"))
+    ENVIRONMENT["DRIVEBUS_TOKEN"] = token(Role.OPERATOR)
+    service = plant.url if transport == "http" else str(plant.socket)
+    with running_command("control", "request", "--service", service, *FAN) as asker:
+        grant_by_bob(plant)
+        assert sentence in lines_until(asker, lambda line: "handed control" in line)[-1]
+
+
+def test_a_command_that_holds_control_says_until_when_and_who_asks_for_it_meanwhile(plant: RunningService) -> None:
+    """It said that control ends in ten seconds, and nothing about another user's request."""
+    plant.run_in_loop(lambda: plant.kit.call("lease.take", BOB, drive="fan-1"))
+    ENVIRONMENT["DRIVEBUS_TOKEN"] = token(Role.OPERATOR)
+    with running_command("control", "request", "--service", plant.url, *FAN, "--hold") as holder:
+        grant_by_bob(plant)
+        assert "until Ctrl-C" in lines_until(holder, lambda line: "handed control" in line)[-1]
+        request = {"drive": "fan-1", "reason": "tool change"}
+        plant.run_in_loop(lambda: plant.kit.call("control_request.make", BOB, **request))
+        assert holder.stderr is not None
+        note = next(line for line in holder.stderr if "asks you for control" in line)
+        assert note.startswith("bob asks you for control of fan-1: tool change")
+        holder.send_signal(signal.SIGINT)
+        holder.wait(CHILD_TIMEOUT_S)

@@ -221,14 +221,14 @@ async def _open_remote(target: Target) -> AsyncIterator[tuple[Any, Any]]:
 
     assert target.service is not None
     async with open_client(target.service) as client:
-        drive = RemoteDrive(client, target.drive, target.address, target.profile, partial(_note_request, target.drive))
+        drive = RemoteDrive(client, target.drive, target.address, target.profile, partial(note_control_request, target.drive))
         try:
             yield RemoteBus(), drive
         finally:
             await drive.close()
 
 
-def _note_request(drive: str, request: Json) -> None:
+def note_control_request(drive: str, request: Json) -> None:
     """Print that another user asks for control of the drive."""
     key = "control.requested" if request["reason"] is None else "control.requested_for"
     output.print_note(key, drive=drive, user=request["user"], reason=request["reason"])

@@ -101,3 +101,19 @@ def test_a_group_asks_all_holders_at_once_and_withdraws_at_once(stage: Stage, vi
             expect(granted).to_contain_text(page_text("control_answer_granted", by="engineer", name=names))
             assert granted.count() == 1
     assert [stage.view(drive)["lease"]["owner"] for drive in ("pump-1", "pump-2")] == ["operator"] * 2
+
+
+def test_control_that_was_handed_over_and_taken_back_is_no_longer_announced(
+    stage: Stage, visit: Any, expect: Any
+) -> None:
+    """The notice of the hand-over stood beside that of the takeover, as if the user still had control."""
+    engineer, operator = visit("#/drive/pump-1"), visit("#/drive/pump-1", role="operator")
+    engineer.click("[data-do=take]")
+    operator.click("[data-do=ask]")
+    operator.click("[data-do=send-request]")
+    engineer.locator(f"{REQUEST} [data-do=hand-over]").click()
+    expect(operator.locator("[data-answer=granted]")).to_be_visible()
+    engineer.click(f".lease .button:has-text('{page_text('take_over')}')")
+    engineer.click("dialog .button.main")
+    expect(operator.locator(".takeovers .banner")).to_have_count(1)
+    expect(operator.locator(".takeovers .banner")).to_contain_text("engineer took control of Circulation pump from you")

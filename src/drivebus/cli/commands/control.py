@@ -28,7 +28,10 @@ def _request(service: str, drive: str, reason: str | None, *, hold: bool) -> Exi
         async with open_client(service) as client:
             answer = await _ask(client, drive, reason)
             output.print_json({"control": answer["state"], "drive": drive, "by": answer["answered_by"]}, stream=True)
-            output.print_message(f"control.{answer['state']}", drive=drive, by=answer["answered_by"] or "")
+            key = f"control.{answer['state']}"
+            if answer["state"] == "granted" and (hold or client.is_local):
+                key = "control.granted_until_ctrl_c" if hold else "control.granted_and_free"
+            output.print_message(key, drive=drive, by=answer["answered_by"] or "")
             if answer["state"] != "granted":
                 return ExitCode.FAILED
             if client.is_local or hold:
@@ -71,14 +74,20 @@ async def _ask(client: RemoteClient, drive: str, reason: str | None) -> Json:
 async def _use_control(client: RemoteClient, drive: str, *, hold: bool) -> None:
     """Renew control until the command is interrupted, then release it; without ``hold`` release it at once.
 
-    On the socket of the service each command has a session of its own, and takes control that is free.
+    On the socket of the service each command has a session of its own, and takes control that is free. Each request of
+    another user is printed once.
     """
+    from drivebus.cli.connect import note_control_request
     from drivebus.cli.remote.drive import LEASE_RENEW_PERIOD_S
     from drivebus.service.api.operations.control import LEASE_RELEASE, LEASE_RENEW
 
+    printed: str | None = None
     try:
         while hold:
-            await client.call(LEASE_RENEW.name, {"drive": drive})
+            request = (await client.call(LEASE_RENEW.name, {"drive": drive})).get("control_request")
+            if request is not None and request["id"] != printed:
+                printed = request["id"]
+                note_control_request(drive, request)
             await asyncio.sleep(LEASE_RENEW_PERIOD_S)
     finally:
         await client.call(LEASE_RELEASE.name, {"drive": drive})

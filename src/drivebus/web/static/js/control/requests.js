@@ -36,9 +36,11 @@ const answerKey = ({ id, state, answered_by }) => JSON.stringify([id, state, ans
 export const incomingRequests = () => grouped(newest.value.filter(({ id, request }) => request.state === "open"
   && isMine(drive(id).value?.lease)));
 
-/** Answers to requests of this session that the user has not read. A request that was withdrawn needs none. */
-export const unreadAnswers = () => grouped(newest.value.filter(({ request }) => isMine(request)
-  && !["open", "withdrawn"].includes(request.state) && !readAnswers.value.has(answerKey(request))));
+/** Answers to requests of this session that the user has not read. A request that was withdrawn needs none, nor does
+ * control that was handed over and has ended since. */
+export const unreadAnswers = () => grouped(newest.value.filter(({ id, request }) => isMine(request)
+  && !["open", "withdrawn"].includes(request.state) && !readAnswers.value.has(answerKey(request))
+  && (request.state !== "granted" || isMine(drive(id).value?.lease))));
 
 export function markRead(request) {
   readAnswers.value = new Set(readAnswers.peek()).add(answerKey(request));
