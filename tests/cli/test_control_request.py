@@ -14,6 +14,7 @@ import httpx
 import pytest
 from click.testing import CliRunner
 
+from drivebus import i18n
 from drivebus.cli.commands import control
 from drivebus.cli.errors import ExitCode
 from drivebus.cli.main import cli
@@ -21,7 +22,7 @@ from drivebus.cli.remote.client import RemoteClient
 from drivebus.service.api.operations import API_PREFIX
 from drivebus.service.auth.actor import local_user
 from drivebus.service.auth.rights import Role
-from fixtures.child_process import CHILD_TIMEOUT_S, ENVIRONMENT, lines_until, running_command
+from fixtures.child_process import CHILD_TIMEOUT_S, ENVIRONMENT, PtyTerminal, lines_until, running_command
 from fixtures.running_service import RunningService, plant_fixture, token
 from fixtures.service import remote_actor
 
@@ -103,6 +104,7 @@ def test_an_attached_run_names_who_asks_and_ends_without_a_stop_once_a_second_te
             assert result_of(asker) == {"control": "granted", "drive": "fan-1", "by": owner}
             assert asker.wait(CHILD_TIMEOUT_S) == ExitCode.DONE
         assert holder.wait(CHILD_TIMEOUT_S) == ExitCode.FAILED
+        assert i18n.text("run.control_lost") in " ".join(holder.stderr.read().split())
     found = view(plant)
     assert found["lease"]["owner"] == "operator/test" and found["state"] in ("running", "accelerating")
     assert plant.kit.service.plant.stop_statistics.requested == stops, "the end of the run stopped the motor"
@@ -200,7 +202,7 @@ def test_a_granted_request_says_how_long_control_lasts(plant: RunningService, tr
 
 
 def test_a_command_that_holds_control_says_until_when_and_who_asks_for_it_meanwhile(plant: RunningService) -> None:
-    """It said that control ends in ten seconds, and nothing about another user's request."""
+    """Its sentence was that control ends in ten seconds, and no request of another user was printed."""
     plant.run_in_loop(lambda: plant.kit.call("lease.take", BOB, drive="fan-1"))
     ENVIRONMENT["DRIVEBUS_TOKEN"] = token(Role.OPERATOR)
     with running_command("control", "request", "--service", plant.url, *FAN, "--hold") as holder:
@@ -213,3 +215,15 @@ def test_a_command_that_holds_control_says_until_when_and_who_asks_for_it_meanwh
         assert note.startswith("bob asks you for control of fan-1: tool change")
         holder.send_signal(signal.SIGINT)
         holder.wait(CHILD_TIMEOUT_S)
+
+
+def test_a_request_stands_on_a_line_of_its_own_below_the_live_line_of_a_run(plant: RunningService) -> None:
+    """It was appended to the state: ``bus 537 Vbob asks you for control``."""
+    ENVIRONMENT["DRIVEBUS_TOKEN"] = token(Role.ENGINEER)
+    with PtyTerminal("run", "--service", plant.url, *FAN, "--frequency", "20") as terminal:
+        terminal.wait_for("20.00 Hz")
+        plant.run_in_loop(lambda: plant.kit.call("control_request.make", BOB, drive="fan-1", reason=None))
+        terminal.wait_for("asks you for control")
+        assert "\nbob asks you for control of fan-1" in terminal.output
+        terminal.press("\x03")
+        terminal.exit_code()

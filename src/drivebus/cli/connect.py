@@ -221,11 +221,18 @@ async def _open_remote(target: Target) -> AsyncIterator[tuple[Any, Any]]:
 
     assert target.service is not None
     async with open_client(target.service) as client:
-        drive = RemoteDrive(client, target.drive, target.address, target.profile, partial(note_control_request, target.drive))
+        on_request = partial(_end_line_and_note_request, target.drive)
+        drive = RemoteDrive(client, target.drive, target.address, target.profile, on_request)
         try:
             yield RemoteBus(), drive
         finally:
             await drive.close()
+
+
+def _end_line_and_note_request(drive: str, request: Json) -> None:
+    """Print the request below the line that an attached command draws again and again."""
+    output.end_live_line()
+    note_control_request(drive, request)
 
 
 def note_control_request(drive: str, request: Json) -> None:

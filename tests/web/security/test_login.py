@@ -85,7 +85,7 @@ def test_throttled_logins_do_not_fill_the_audit_trail(tmp_path: Path) -> None:
 
 
 def test_logins_under_ever_new_names_from_many_addresses_do_not_fill_the_audit_trail(tmp_path: Path) -> None:
-    """Who may not log in chooses the names: they are no users whose requests would be counted apart."""
+    """The names are chosen by clients without an account: they are no users whose requests are counted apart."""
     harness = WebAppHarness(tmp_path)
 
     async def scenario() -> None:

@@ -42,7 +42,7 @@ OUTPUT_OFF_COUNT = 2  # status reads that must agree before "stopped by itself" 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunOptions:
-    """Start as the options of ``run`` request it; without a direction the drive keeps its own."""
+    """Start as the options of ``run`` request it; without a direction it is forward (DF800: as the drive is set)."""
 
     frequency_hz: float
     direction: Direction | None
@@ -100,6 +100,7 @@ async def _start_and_watch(bus: Bus, drive: Drive, shutdown: ShutdownSignal, cho
     except DrivebusError as error:
         output.end_live_line()
         if isinstance(error, ControlNotHeld):
+            output.print_note("run.control_lost")
             raise
         return report_error(error)
 
