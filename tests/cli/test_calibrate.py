@@ -134,10 +134,14 @@ def test_a_calibration_whose_output_is_lost_is_done_and_stored(monkeypatch: pyte
 
 @pytest.mark.parametrize("keys", [("n",), (turn_keypad, "n"), (turn_keypad, "\r"), (turn_keypad, lambda: None)])
 def test_no_key_but_y_starts_the_motor(
-    monkeypatch: pytest.MonkeyPatch, keys: tuple[str | Callable[[], str | None], ...]
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    keys: tuple[str | Callable[[], str | None], ...],
 ) -> None:
     assert run_calibrate(monkeypatch, "dzb100", FakeKeys(*keys)) is ExitCode.INTERRUPTED
     assert station().motor.starts == 0
+    option = "query_coding" if keys == ("n",) else "setpoint_coding"
+    assert capsys.readouterr().err.endswith(i18n.text("calibrate.not_begun", option=option) + "\n")
 
 
 @pytest.mark.parametrize(("field", "key"), [("b3b2", "f"), ("b2b3", "r"), ("b3b2", "Ｆ")])
@@ -162,8 +166,11 @@ def test_the_direction_of_a_df800_is_the_one_that_the_user_reports(
 
 
 def test_an_unclear_answer_stores_nothing(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """The outcome is that of the stop; it was that of the jog: stopped unless it is renewed."""
     assert run_calibrate(monkeypatch, "df800", FakeKeys("y", "?")) is ExitCode.FAILED
-    assert "nothing is stored" in capsys.readouterr().out
+    found = capsys.readouterr().out
+    assert "nothing is stored" in found
+    assert i18n.text("drives.stop_acknowledged") in found
     assert station().motor.starts == 1
     assert run_calibrate(monkeypatch, "df800", FakeKeys("n")) is ExitCode.INTERRUPTED, "the question is repeated"
 
@@ -230,7 +237,9 @@ def test_the_keypad_shows_in_which_step_a_c320_counts(
             virtual_time.run(run())
 
 
-def test_ctrl_c_during_a_calibration_run_stops_the_drive(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_during_a_calibration_run_stops_the_drive(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The stop is confirmed before the command ends."""
     import asyncio
 
@@ -258,6 +267,7 @@ def test_ctrl_c_during_a_calibration_run_stops_the_drive(monkeypatch: pytest.Mon
     monkeypatch.setattr(signals, "shutdown_signals", recording)
     assert run_calibrate(monkeypatch, "dzb100", FakeKeys(turn_keypad, start_and_interrupt)) is ExitCode.INTERRUPTED
     assert station().motor.starts == 1 and not station().motor.energised
+    assert i18n.text("calibrate.ended", option="setpoint_coding") in capsys.readouterr().err
 
 
 def test_the_stop_of_a_drive_that_goes_offline_while_it_turns_is_unconfirmed(

@@ -89,10 +89,12 @@ async def _run_step(session: CalibrationSession, step: CalibrationStep) -> ExitC
         return step.observations.get(normalize_answer(await session.key(step.observation_question) or ""))
 
     if not await session.confirmed(step.question, **step.question_params):
+        output.print_note("calibrate.not_begun", option=step.option)
         return ExitCode.INTERRUPTED
     calibration = session.drive.calibrate(step.name, observe)
     result = await (_run_motion(session, calibration) if step.moves else calibration)
     if result is None:
+        output.print_note("calibrate.ended", option=step.option)
         return ExitCode.INTERRUPTED
     with output.continue_without_output():  # the motor has moved, and the result is stored
         if result.outcome is not None:

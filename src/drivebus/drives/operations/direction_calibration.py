@@ -25,7 +25,7 @@ MAX_CALIBRATION_JOG_HZ = 5.0
 def calibration_jog(
     op: OperationContext, frequency_hz: float = MAX_CALIBRATION_JOG_HZ
 ) -> DriveOperation[CalibrationResult]:
-    """Jog once, at most 5 Hz and 0.5 s, with the direction digits 10 as b3 b2.
+    """Jog once, at most 5 Hz and 0.5 s, with the direction digits 10 as b3 b2; the outcome is that of its stop.
 
     The jog frequency itself may be a keypad setting of the drive: set it to 5 Hz or less there first. Raises LimitError
     for more than 5 Hz, and every error of ``jog``.
@@ -42,8 +42,7 @@ def calibration_jog(
         outcome = yield from send_jog(op, dialect.calibration_jog())
         if outcome.succeeded:
             yield from wait(MAX_JOG_LEASE_S)
-            stopped = yield from stop(op, StopMode.STOP)
-            outcome = outcome if stopped.succeeded else stopped
+            outcome = yield from stop(op, StopMode.STOP)
     return CalibrationResult(outcome=outcome)
 
 
