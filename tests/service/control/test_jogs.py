@@ -6,10 +6,10 @@ import asyncio
 
 import pytest
 
-from drivebus.errors import (
-    ArmRequired,
-    NotFound,
-)
+from drivebus.drives.dialects.sunfar import SunfarDialect
+from drivebus.drives.state import Direction
+from drivebus.errors import ArmRequired, NotFound
+from drivebus.service.api.errors import localized
 from drivebus.simulator.motor import OutputPhase
 from drivebus.testing.virtual_time import run
 from fixtures.service import LOCAL, ready, remote_actor, running_service
@@ -61,5 +61,31 @@ def test_a_jog_is_renewed_and_ended_only_under_its_own_drive() -> None:
                     await kit.call(operation, drive="fan-2", jog=jog)
             assert kit.station("fan-1").running
             await kit.call("drive.jog_renew", drive="fan-1", jog=jog)
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("direction", [*Direction])
+@pytest.mark.parametrize("is_exchanged", [False, True])
+def test_the_renewals_of_a_jog_remark_on_a_drive_that_reports_the_other_direction(
+    monkeypatch: pytest.MonkeyPatch, direction: Direction, is_exchanged: bool
+) -> None:
+    """The drive gets the jog of the other direction, as one whose direction bits are exchanged."""
+    other = Direction.REVERSE if direction is Direction.FORWARD else Direction.FORWARD
+    jog_frames = SunfarDialect.jog
+    sent = other if is_exchanged else direction
+    monkeypatch.setattr(SunfarDialect, "jog", lambda self, _, word: jog_frames(self, sent, word))
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await ready(kit)
+            jog = (await kit.call("drive.jog", drive="fan-1", frequency_hz=5.0, direction=direction.value))["jog"]
+            remarks = []
+            for _ in range(10):
+                await asyncio.sleep(0.15)
+                remarks.append((await kit.call("drive.jog_renew", drive="fan-1", jog=jog))["remark"])
+            wrong = localized("drives.wrong_direction", {"expected": direction, "found": other})
+            assert remarks[-1] == (wrong if is_exchanged else None)
+            assert is_exchanged or not any(remarks)
 
     run(scenario())

@@ -11,7 +11,9 @@ from typing import Any
 import pytest
 
 from drivebus import i18n
+from drivebus.drives.dialects.modbus import ModbusDialect
 from drivebus.drives.jog_session import JogSession
+from drivebus.drives.state import Direction
 from fixtures.browser import Stage
 from fixtures.browser_actions import DRAWN, wait_until
 from fixtures.service import LOCAL
@@ -170,6 +172,23 @@ def test_no_button_of_the_control_panel_moves_while_a_jog_begins_and_ends(
         page.locator("[data-stop-by=jog]").wait_for()
         found.append(places())
     assert len(found[0]) == 3 and all(positions == found[0] for positions in found), found
+
+
+def test_a_jog_in_the_other_direction_is_remarked_on_while_the_button_is_held_and_after_its_release(
+    stage: Stage, page: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The page showed a jog and nothing more; the direction stands elsewhere on it."""
+    jog_frames, other = ModbusDialect.jog, Direction.REVERSE
+    monkeypatch.setattr(ModbusDialect, "jog", lambda self, _, word: jog_frames(self, other, word))
+    remark = page.locator(
+        ".jog .notice.bad", has_text=i18n.text("drives.wrong_direction", expected=Direction.FORWARD, found=other)
+    )
+    page.hover(HOLD)
+    page.mouse.down()
+    remark.wait_for()
+    page.mouse.up()
+    page.locator(".jog .notice strong", has_text=i18n.text("page.jog_ended", "en")).wait_for()
+    assert remark.count() == 1
 
 
 def test_a_jog_whose_renewal_fails_ends_with_an_error(stage: Stage, page: Any) -> None:

@@ -9,7 +9,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from drivebus.drives.jog_session import JogSession
+from drivebus.drives.state import Direction
 from drivebus.errors import ControlNotHeld, DrivebusError, NotFound, Superseded
+from drivebus.service.api.errors import localized
 from drivebus.service.api.handlers import handles
 from drivebus.service.api.operations.drives import DRIVE_JOG, DRIVE_JOG_END, DRIVE_JOG_RENEW, ActiveJogParams, JogParams
 from drivebus.service.auth.actor import Actor
@@ -23,12 +25,21 @@ from drivebus.types import Json
 
 @dataclass(frozen=True, slots=True)
 class ActiveJog:
-    """A jog with its owner and ticket."""
+    """A jog with its owner, ticket and commanded direction."""
 
     drive: DriveRuntime
     actor: Actor
     ticket: CommandTicket
     session: JogSession
+    direction: Direction
+
+    @property
+    def remark(self) -> Json | None:
+        """Sentence about a drive that turns and reports the other direction."""
+        status = self.drive.status()
+        if not status.state.turning or status.direction in (None, self.direction):
+            return None
+        return localized("drives.wrong_direction", {"expected": self.direction, "found": status.direction})
 
 
 class RemoteJogs(PlantListener):
@@ -53,7 +64,7 @@ class RemoteJogs(PlantListener):
             self.commands.publish_failed_start(runtime, "jog", error, actor)
             raise
         id = secrets.token_urlsafe(12)
-        self._active[id] = ActiveJog(runtime, actor, ticket, session)
+        self._active[id] = ActiveJog(runtime, actor, ticket, session, Direction(params.direction))
         if self.plant.leases.has_ended(actor.session, self.plant.now()):
             self.end_control(actor.session)
         self.on_control_end(runtime.id)
@@ -63,10 +74,10 @@ class RemoteJogs(PlantListener):
 
     @handles(DRIVE_JOG_RENEW)
     async def renew(self, params: ActiveJogParams, actor: Actor) -> Json:
-        """Extend a jog. Raises StartInhibited where it had ended: the motor was stopped.
+        """Extend a jog, with a remark on a wrong direction.
 
-        Raises Superseded where a stop of the drive has ended it, ControlNotHeld where it is another session's, or
-        another session has taken control since: then it ends.
+        Raises StartInhibited where it had ended: the motor was stopped; Superseded where a stop of the drive has ended
+        it; ControlNotHeld where it is another session's, or another session has taken control since: then it ends.
         """
         jog = self._find(params)
         if not jog.actor.is_same_session(actor):
@@ -76,7 +87,7 @@ class RemoteJogs(PlantListener):
         if self.plant.leases.get(jog.drive.id, now) is not None:
             self.plant.leases.require_own(jog.drive.id, actor, now)
         jog.session.renew()
-        return {"lease_s": jog.session.lease_s}
+        return {"lease_s": jog.session.lease_s, "remark": jog.remark}
 
     @handles(DRIVE_JOG_END)
     async def stop(self, params: ActiveJogParams, actor: Actor) -> Json:

@@ -241,9 +241,10 @@ class JogResponse(ApiObject):
 
 
 class JogRenewResponse(ApiObject):
-    """Seconds within which the jog must be renewed again."""
+    """Seconds within which the jog must be renewed again; ``remark`` where the drive reports the other direction."""
 
     lease_s: float
+    remark: LocalizedText | None
 
 
 class WaiverResponse(ApiObject):

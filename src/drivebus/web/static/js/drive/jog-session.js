@@ -9,7 +9,8 @@ const RENEW_TIMEOUT_MS = 400;
 
 const sleep = (ms) => new Promise((resolve) => { setTimeout(resolve, Math.max(0, ms)); });
 
-/** One jog from press to release. `notify(phase, detail)`: "starting", "turning", "ending", "ended", "lost". */
+/** One jog from press to release. `notify(phase, detail)`: "starting", "turning", "ending", "ended", "lost". `remark`: the
+ * drive reported the other direction. */
 export class JogSession {
   constructor(drive, body, notify) {
     this.drive = drive;
@@ -18,6 +19,7 @@ export class JogSession {
     this.notify = notify;
     this.isHeld = true;
     this.token = null;
+    this.remark = null;
     this.released = new Promise((resolve) => { this.resolveRelease = resolve; });
   }
 
@@ -41,7 +43,11 @@ export class JogSession {
   async renewWhileHeld() {
     while (this.isHeld) {
       const begun = nowMs();
-      await api.post(this.path("/jog/renew"), { jog: this.token }, { timeout_ms: RENEW_TIMEOUT_MS });
+      const { remark } = await api.post(this.path("/jog/renew"), { jog: this.token }, { timeout_ms: RENEW_TIMEOUT_MS });
+      if (remark && !this.remark) {
+        this.remark = remark;
+        if (this.isHeld) this.notify("turning");
+      }
       await Promise.race([sleep(RENEW_EVERY_MS - (nowMs() - begun)), this.released]);
     }
   }

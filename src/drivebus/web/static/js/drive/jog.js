@@ -89,7 +89,7 @@ export function JogPanel({ view, disabled }) {
     disarm();
     setChosen(direction);
     jog.current = new JogSession(view.id, { direction, frequency_hz, arm_token: armed.token }, (phase, detail = null) => {
-      setStatus({ phase, detail });
+      setStatus({ phase, detail, remark: jog.current.remark });
     });
     jog.current.run();
   };
@@ -103,5 +103,6 @@ export function JogPanel({ view, disabled }) {
     <div class="row"><${Button} disabled=${disabled || isHeld || isEnding} busy=${busy} onClick=${arm}>
       ${armed ? t("page.jog_enabled", { n: left_s }) : t("page.jog_enable")}<//></div>
     <div class="holds">${directions.map(button)}</div>
-    <${ErrorNote} error=${error} /><${JogStatus} ...${status} /></section>`;
+    <${ErrorNote} error=${error} />
+    ${status.remark && html`<${Notice} kind="bad" live>${localized(status.remark)}<//>`}<${JogStatus} ...${status} /></section>`;
 }
