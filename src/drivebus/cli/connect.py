@@ -208,6 +208,7 @@ async def _raise_late_reply(drive: Drive, error: DrivebusError, shutdown: Shutdo
     reasons = [reason for reason in (error, error.__cause__) if isinstance(reason, NoReply)]
     if not reasons or reasons[0].key == "bus.late_reply" or error.may_be_running is not False:
         return
+    output.print_note("cli.late_reply_wait", seconds=f"{LATE_REPLY_WAIT_S:g}")
     found = await failure_after_wait(drive, shutdown)
     if found is not None and found.key == "bus.late_reply":
         found.may_be_running, found.outcome = error.may_be_running, error.outcome
