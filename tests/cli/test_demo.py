@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from drivebus import profiles
+from drivebus import i18n, profiles
 from drivebus.cli.demo import host
 from drivebus.cli.demo.layout import BUSES
 from drivebus.cli.demo.plant import MemoryDemoPlant, PtyDemoPlant
@@ -55,6 +55,11 @@ def test_the_page_tells_each_step_in_both_languages_and_shows_the_trip_and_the_a
     tripped = next(text for step, text in zip(steps, captions, strict=True) if step.action == "trip")
     assert "fan 3" in tripped["en"] and "风机 3 的电机" in tripped["zh"]
     assert not [text["zh"] for text in captions if re.search("[0-9A-Za-z][一-鿿]|[一-鿿][0-9A-Za-z]", text["zh"])]
+
+
+def test_the_cause_of_the_trip_fits_into_its_line_of_the_red_box() -> None:
+    """On a page of 1280 px 55 letters of it were shown, and the rest was cut off."""
+    assert len(i18n.text("demo.fault.cause", "en")) < 55
 
 
 @pytest.mark.parametrize("interrupted", [False, True])

@@ -153,6 +153,22 @@ def test_a_fault_is_reset_and_the_drive_starts_again() -> None:
     run_virtual(scenario())
 
 
+def test_a_reset_keeps_the_module_temperature_of_the_last_fault() -> None:
+    """It read 0 °C after the reset, as if there had been no fault."""
+
+    async def scenario() -> None:
+        async with SimulatorClient("sim://c320@1") as client:
+            assert (await client.request(sunfar.ReadMonitor(1, 37))).data == 0
+            motor = client.station().motor
+            motor.temperature_c = 61.0
+            motor.force_trip(Trip.OVERLOAD)
+            motor.temperature_c = 40.0
+            await client.request(control(SunfarOperation.RESET_FAULT))
+            assert (await client.request(sunfar.ReadMonitor(1, 37))).data == 61
+
+    run_virtual(scenario())
+
+
 def test_t06_0dh_as_data_of_a_hex_frame_ends_nothing() -> None:
     async def scenario() -> Any:
         async with SimulatorClient("sim://c320@13", sunfar.SunfarCodec("hex")) as client:

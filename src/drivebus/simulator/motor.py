@@ -129,6 +129,7 @@ class Motor:
         "temperature_c",
         "torque",
         "trip",
+        "trip_temperature_c",
     )
 
     def __init__(self, rating: Nameplate | None = None, load: MotorLoad | None = None) -> None:
@@ -146,6 +147,8 @@ class Motor:
         """Whether the ramp is held."""
         self.energised = self._stopping = False
         self.trip: Trip | None = None
+        self.trip_temperature_c = 0.0
+        """Temperature at the last trip; 0 before the first one."""
         self.starts = 0
         """Number of times the output was switched on: counts executed starts."""
         self.output_hz = self.target_hz = self.speed_hz = 0.0
@@ -179,6 +182,8 @@ class Motor:
 
     def force_trip(self, trip: Trip) -> None:
         """Switch off with a trip; the first trip stays."""
+        if self.trip is None:
+            self.trip_temperature_c = self.temperature_c
         self.trip = self.trip or trip
         self.coast()
 

@@ -377,8 +377,8 @@ class C320Station(SimulatedStation):
 
     @property
     def fault_temperature_c(self) -> int:
-        """Module temperature at the last fault (d.37)."""
-        return round(self.motor.temperature_c) if self.motor.trip else 0
+        """Module temperature at the last fault (d.37), which a reset keeps."""
+        return round(self.motor.trip_temperature_c)
 
     @property
     def obeys_bus(self) -> bool:
