@@ -136,22 +136,22 @@ def test_a_read_whose_first_two_replies_are_lost_shows_the_value_without_an_erro
 
 
 ON_VC660 = ("sim://vc660@3", "--model", "vc660", "--address")
-LATE_COMMANDS = {
-    "hold-ramp": ("5",),
+WAITING_COMMANDS = {
     "loopback": (),
-    "pause": (),
     "read": ("F00.01",),
     "reset": (),
     "run": ("--frequency", "5", "--detach"),
-    "set-frequency": ("5",),
     "status": (),
     "write": ("F00.02=1", "--save"),
 }
-"""Commands that send nothing that moves to a drive without a reply in time, and their words."""
+"""Commands that wait for a late reply, and their words."""
+COMMANDS_OF_A_RUNNING_MOTOR = {"hold-ramp": ("5",), "pause": (), "set-frequency": ("5",)}
+WAIT_NOTE = "no reply in time: waiting 1 s"
 
 
 def words_of(command: str, address: int) -> list[str]:
-    return [command, ON_VC660[0], *LATE_COMMANDS[command], *ON_VC660[1:], str(address), "--json"]
+    words = (WAITING_COMMANDS | COMMANDS_OF_A_RUNNING_MOTOR)[command]
+    return [command, ON_VC660[0], *words, *ON_VC660[1:], str(address), "--json"]
 
 
 def error_of(command: str, result: Result) -> dict[str, Any]:
@@ -168,22 +168,35 @@ def send_replies_late(monkeypatch: pytest.MonkeyPatch, delay_s: float) -> None:
 
 
 @pytest.mark.usefixtures("commands_in_virtual_time")
-@pytest.mark.parametrize("command", LATE_COMMANDS)
+@pytest.mark.parametrize("command", WAITING_COMMANDS)
 def test_a_command_whose_replies_come_late_names_them_with_their_remedy(
     monkeypatch: pytest.MonkeyPatch, command: str
 ) -> None:
-    """Six of these called the drive offline, with the advice to check address, baud rate and wiring."""
+    """Three of these called the drive offline, with the advice to check address, baud rate and wiring."""
     send_replies_late(monkeypatch, 0.6)
     result = CliRunner().invoke(cli, words_of(command, 3))
     error = error_of(command, result)
     assert (error["key"], error["hint"] in result.stderr.replace("\n", " ")) == ("bus.late_reply", True)
     assert result.exit_code == ExitCode.FAILED
     is_only_read = command in ("read", "status")  # they read again, and may show the values
-    assert ("no reply in time: waiting 1 s" in result.stderr) is not is_only_read
+    assert (WAIT_NOTE in result.stderr) is not is_only_read
 
 
 @pytest.mark.usefixtures("commands_in_virtual_time")
-@pytest.mark.parametrize("command", LATE_COMMANDS)
+@pytest.mark.parametrize("command", COMMANDS_OF_A_RUNNING_MOTOR)
+def test_a_command_to_a_running_motor_waits_for_no_late_reply_because_a_stop_may_follow(
+    monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    """For a second more the port was in use: a stop of another terminal was not sent."""
+    send_replies_late(monkeypatch, 0.6)
+    result = CliRunner().invoke(cli, words_of(command, 3))
+    assert result.exit_code == ExitCode.FAILED
+    assert error_of(command, result)["key"].startswith(("bus.", "drives."))
+    assert WAIT_NOTE not in result.stderr
+
+
+@pytest.mark.usefixtures("commands_in_virtual_time")
+@pytest.mark.parametrize("command", WAITING_COMMANDS | COMMANDS_OF_A_RUNNING_MOTOR)
 def test_a_command_to_a_drive_that_does_not_answer_calls_it_silent(command: str) -> None:
     result = CliRunner().invoke(cli, words_of(command, 9))
     error = error_of(command, result)

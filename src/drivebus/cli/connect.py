@@ -140,13 +140,19 @@ def note_foreign_settings(settings: SerialSettings, profile: DriveProfile) -> No
 
 @asynccontextmanager
 async def open_drive(
-    target: Target, limits: DriveLimits | None = None, shutdown: ShutdownSignal | None = None
+    target: Target,
+    limits: DriveLimits | None = None,
+    *,
+    waits_for_late_reply: bool = False,
+    shutdown: ShutdownSignal | None = None,
 ) -> AsyncIterator[tuple[Bus, Drive]]:
     """Open the bus with the drive on it, within the user's ``limits``; close both afterwards.
 
-    With ``target.service`` the pair has the same interface over the service. ``shutdown``: that of a command with
-    signal handlers of its own. Raises PortUnavailable, PortUrlError, ProfileError, CaptureError where a required
-    ``record`` can't be created, and the errors of the service.
+    With ``target.service`` the pair has the same interface over the service. ``waits_for_late_reply``: after a command
+    without reply, wait for one that comes late, to name it; not for a command that is given to a running motor, because
+    the port is in use during the wait and a stop may be wanted. ``shutdown`` ends the wait, in a command with signal
+    handlers of its own. Raises PortUnavailable, PortUrlError, ProfileError, CaptureError where a required ``record``
+    can't be created, and the errors of the service.
     """
     if target.service is not None:
         async with _open_remote(target) as remote:
@@ -167,7 +173,8 @@ async def open_drive(
                 # a reply from another address is a ProtocolError, with a remedy of its own
                 if isinstance(error, BusError) and bus.health(target.address).foreign_master:
                     output.print_note("hint.foreign_master")
-                await _raise_late_reply(drive, error, shutdown)
+                if waits_for_late_reply:
+                    await _raise_late_reply(drive, error, shutdown)
                 raise
             finally:
                 drive.close()

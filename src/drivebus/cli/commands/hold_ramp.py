@@ -19,7 +19,7 @@ async def _hold(target: Target, seconds: float) -> ExitCode:
     from drivebus.drives.dialects.base import Hold
 
     with output.continue_without_output(), shutdown_signals(may_suspend=False) as shutdown:
-        async with connect.open_drive(target, shutdown=shutdown) as (bus, drive):
+        async with connect.open_drive(target) as (bus, drive):
             if Hold.RAMP.value in drive.profile.capabilities:  # else the command is refused
                 output.print_message("hold_ramp.how", seconds=seconds)
             outcome = await shutdown.interruptible(drive.hold_ramp(seconds))

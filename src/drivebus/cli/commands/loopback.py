@@ -21,7 +21,7 @@ MAX_LOOPBACKS = 10_000
 async def _loopback(target: Target, count: int) -> ExitCode:
     from drivebus.cli.signals import shutdown_signals
 
-    async with connect.open_drive(target) as (_, drive):
+    async with connect.open_drive(target, waits_for_late_reply=True) as (_, drive):
         with shutdown_signals() as shutdown:
             report: LoopbackReport | None
             if target.service is None:
