@@ -12,10 +12,11 @@ endif
 LOCKS := requirements/base.txt requirements/build.txt
 # These measure this machine: one test at a time.
 ALONE := tests/real
-# These wait for a browser and for real clocks most of the time: two browsers share the cores.
+# These wait for a browser and for real clocks a third of the time: three browsers share two cores.
 BROWSER := tests/web/page
 # These hold to the real clock of slow buses and other programs: they wait nearly all the time, so four wait at once.
-WAITING := tests/cli tests/interop tests/ports tests/gateways tests/service/process tests/system/test_demo_dashboard.py
+WAITING := tests/cli tests/interop tests/ports tests/gateways tests/service/process tests/system/test_demo_dashboard.py \
+	tests/service/storage/test_settings.py tests/service/config/test_wizard.py tests/web/api/test_results.py
 # The commands of the documentation wait for each other, so all requests of the API have the second core meanwhile.
 DOCUMENTED := tests/test_examples.py tests/test_guides.py tests/test_api_guide.py tests/test_guide_commands.py \
 	tests/web/api/test_schemathesis.py
@@ -37,7 +38,7 @@ else
 	$(BIN)/python -m pytest -n auto --dist loadfile tests $(foreach each,$(ALONE) $(BROWSER) $(WAITING) $(DOCUMENTED),--ignore $(each))
 	$(BIN)/python -m pytest -n 2 --dist loadgroup $(DOCUMENTED)
 	$(BIN)/python -m pytest -n 4 --dist loadfile $(WAITING)
-	$(BIN)/python -m pytest -n 2 --dist worksteal $(BROWSER)
+	$(BIN)/python -m pytest -n 3 --dist worksteal $(BROWSER)
 	$(BIN)/python -m pytest $(ALONE)
 endif
 
