@@ -125,3 +125,22 @@ def test_the_start_with_curl_ends_with_the_sentence_of_its_error(tmp_path: Path)
         done = reader.finished([word for word in command if word != "-e"])  # as in a terminal
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == i18n.text("auth.not_logged_in", "en") + "\n"
+
+
+def test_the_start_with_curl_ends_with_a_stop_when_control_is_lost(tmp_path: Path) -> None:
+    """Regression: it ended with the error of the renewal, and the motor went on."""
+    peers.need_program("curl", "curl")
+    reader = Reader(tmp_path)
+    plant = tmp_path / "plant.toml"
+    plant.write_text(plant.read_text(encoding="utf-8").replace("ramp=2", "ramp=60"), encoding="utf-8")
+    (start,) = reader.texts("sh")
+    functions = start.partition("\n(")[0] + "\n"
+    release = f'mkdir other; cd other; {functions}api -X DELETE "$DRIVE/lease"'  # with an answer.json of its own
+    wait = f'{functions}until api "$DRIVE"; [ "$(field state)" = stopped ]; do sleep 0.2; done'
+    with reader.service(), reader.started(["sh", "-c", start]) as starting:
+        lines_until(starting, lambda line: line == "confirmed\n")
+        reader.run(["sh", "-c", release])
+        assert starting.stdout is not None
+        assert starting.stdout.read() == "confirmed\n", "the outcome of the stop"
+        assert starting.wait(BLOCK_TIMEOUT_S) == 1
+        reader.run(["sh", "-c", wait])
