@@ -9,7 +9,7 @@ import pytest
 
 from drivebus import i18n
 from fixtures.browser import Stage
-from fixtures.browser_actions import page_text, trip
+from fixtures.browser_actions import page_text, resize, trip
 
 
 def test_an_alarm_is_acknowledged_and_its_incident_opened(stage: Stage, visit: Any, expect: Any) -> None:
@@ -122,12 +122,12 @@ def test_a_parameter_that_is_read_during_a_fault_is_shown_as_uncertain_with_its_
         ("#/drive/fan-3?tab=parameters", "[data-do=read]"),
         ("#/alarms?tab=incidents", ".incidents a"),
     ):
-        page = visit(address, language=language)
+        page = visit(address, language=language, size=(360, 740))
         page.locator(read).first.click()
         row = page.locator("tr", has=page.locator("code:text-is('F0.1')"))
         expect(row.locator(".doubtful")).to_have_text(note)
-        for width in (1440, 360):
-            page.set_viewport_size({"width": width, "height": 740})
+        for width in (360, 1440):
+            resize(page, width, 740)
             expect(row.locator(".doubtful")).to_be_visible()
             assert page.evaluate("document.documentElement.scrollWidth") <= width
 

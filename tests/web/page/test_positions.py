@@ -9,7 +9,7 @@ import pytest
 from drivebus import i18n
 from drivebus.service.alarms import SystemAlarm
 from fixtures.browser import Stage
-from fixtures.browser_actions import DRAWN, expecting, hold_topics, show_topics, trip
+from fixtures.browser_actions import DRAWN, expecting, hold_topics, resize, show_topics, trip
 
 BUTTONS = """() => Object.fromEntries([...document.querySelectorAll(
     "main :is(button, summary, [role=tab]):not(.active-fault *, .confirm *)")].filter((one) => one.offsetParent)
@@ -108,8 +108,8 @@ def test_no_note_on_the_state_of_a_drive_moves_its_control_panel(visit: Any, lan
     page = visit("#/drive/fan-1", language=language)
     page.locator(".control [data-do=stop]").wait_for()
     hold_topics(page)
-    for width in (320, 390, 1024, 1440):
-        page.set_viewport_size({"width": width, "height": 740})
+    for width in (1440, 1024, 390, 320):
+        resize(page, width, 740)
         heights = page.evaluate(STATE_NOTES)
         assert len(heights) == 5 and set(heights) == {heights[0]}, width
 
