@@ -12,7 +12,7 @@ endif
 LOCKS := requirements/base.txt requirements/build.txt
 # These measure this machine: one test at a time.
 ALONE := tests/real
-# These wait for a browser and for real clocks a third of the time: three browsers share two cores.
+# These wait for a browser and for real clocks a third of the time: two browsers share the cores.
 BROWSER := tests/web/page
 # These hold to the real clock of slow buses and other programs: they wait nearly all the time, so four wait at once.
 WAITING := tests/cli tests/interop tests/ports tests/gateways tests/service/process tests/system/test_demo_dashboard.py \
@@ -38,7 +38,7 @@ else
 	$(BIN)/python -m pytest -n auto --dist loadfile tests $(foreach each,$(ALONE) $(BROWSER) $(WAITING) $(DOCUMENTED),--ignore $(each))
 	$(BIN)/python -m pytest -n 2 --dist loadgroup $(DOCUMENTED)
 	$(BIN)/python -m pytest -n 4 --dist loadfile $(WAITING)
-	$(BIN)/python -m pytest -n 3 --dist worksteal $(BROWSER)
+	$(BIN)/python -m pytest -n 2 --dist worksteal $(BROWSER)
 	$(BIN)/python -m pytest $(ALONE)
 endif
 

@@ -98,6 +98,23 @@ def test_logins_under_ever_new_names_from_many_addresses_do_not_fill_the_audit_t
     run(scenario())
 
 
+def test_a_flood_of_other_requests_does_not_hide_whose_password_is_guessed(tmp_path: Path) -> None:
+    """Their kinds filled the period, and the guesses were counted without the name of the account."""
+    harness = WebAppHarness(tmp_path)
+
+    async def scenario() -> None:
+        for n in range(MAX_KINDS_PER_PERIOD + 4):
+            await guess(harness, f"nobody{n}", f"10.0.0.{n}")
+        for _ in range(3):
+            await guess(harness, "operator", "10.0.1.1")
+        await asyncio.sleep(SUMMARY_PERIOD_S + 1)
+        denials = [entry for entry, _ in harness.service.records if entry["what"] == "refused"]
+        guesses = [entry["params"] for entry in denials if entry["params"]["who"] == "operator"]
+        assert [params["times"] for params in guesses] == [3]
+
+    run(scenario())
+
+
 def test_a_person_with_a_known_browser_logs_in_however_often_others_try_the_name(tmp_path: Path) -> None:
     """That holds where all clients have the address of a reverse proxy, and where the wrong attempts never end."""
     harness = WebAppHarness(tmp_path)

@@ -224,7 +224,7 @@ def test_every_failed_login_is_in_the_audit_trail_with_its_reason(tmp_path: Path
         ] == [
             ("operator", "refused", "login operator", "operator@127.0.0.1", "auth.wrong_password"),
             ("", "refused", "login-code ", "@127.0.0.1", "auth.wrong_code"),
-            ("eve", "refused", "set-up eve", "eve@127.0.0.1", "auth.is_set_up"),
+            ("", "refused", "set-up eve", "@127.0.0.1", "auth.is_set_up"),
             ("operator", "refused", "unlock operator", "operator@127.0.0.1", "auth.wrong_password"),
             ("operator", "password", "operator", None, "requested"),
             ("operator", "password", "operator", None, "auth.wrong_password"),

@@ -49,12 +49,11 @@ class RecordKind(NamedTuple):
     client: str
     """Name and address of the actor."""
     user: str
-    """Name of the actor's user; empty before a login, where the name is what a client without an account sent."""
+    """Name of the actor's user; empty for a client without an account, which may send ever new names."""
 
     @classmethod
     def of(cls, what: str, target: str, outcome: str, actor: Actor) -> RecordKind:
-        user = actor.user if actor.session else ""
-        return cls(what, target, outcome, f"{actor.name}@{actor.address}", user)
+        return cls(what, target, outcome, f"{actor.name}@{actor.address}", actor.user)
 
     @property
     def others(self) -> RecordKind:

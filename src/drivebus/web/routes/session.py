@@ -207,9 +207,12 @@ async def _complete_login(
 
 
 async def _record_denial(request: Request, operation: Operation, error: DrivebusError, name: str) -> None:
-    recorded = "" if isinstance(error, TooManyAttempts) else name  # a flood of names must not flood the audit trail
-    actor = Actor(recorded, frozenset(), "", address=client_address(request.scope))
-    await context_of(request).aggregator.record_denial(operation.name, recorded, error.key, actor)
+    """Record a denial under the name of the account; a flood of other names must not flood the audit trail."""
+    context = context_of(request)
+    recorded = "" if isinstance(error, TooManyAttempts) else name
+    user = context.auth.database.find(recorded)
+    actor = Actor("" if user is None else user.name, frozenset(), "", address=client_address(request.scope))
+    await context.aggregator.record_denial(operation.name, recorded, error.key, actor)
 
 
 def _with_session_cookie(request: Request, response: JSONResponse, secret: str) -> JSONResponse:
