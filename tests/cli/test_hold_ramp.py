@@ -60,7 +60,7 @@ def test_the_exit_code_after_ctrl_c_is_that_of_a_stop_that_is_not_confirmed(
     drive = SimpleNamespace(profile=SimpleNamespace(capabilities=()), hold_ramp=hold_ramp, stop=stop)
 
     @asynccontextmanager
-    async def open_drive(target: Any, **_: Any) -> AsyncIterator[Any]:
+    async def open_drive(target: Any) -> AsyncIterator[Any]:
         yield SimpleNamespace(now=lambda: 0.0), drive
 
     monkeypatch.setattr(connect, "open_drive", open_drive)

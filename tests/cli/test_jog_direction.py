@@ -1,4 +1,4 @@
-"""A jog that turns the other way than commanded is remarked on, as a run is, and late replies are named."""
+"""A jog that turns the other way than commanded is remarked on, as a run is."""
 
 from __future__ import annotations
 
@@ -17,9 +17,7 @@ from drivebus.cli.signals import ShutdownSignal
 from drivebus.drives.dialects.modbus import ModbusDialect
 from drivebus.drives.dialects.sunfar import SunfarDialect
 from drivebus.drives.state import Direction
-from drivebus.errors import NoReply
 from drivebus.simulator.port import clear_simulated_buses
-from drivebus.simulator.wire import Wire
 from drivebus.testing import virtual_time
 from drivebus.types import Json
 from fixtures.service import ServiceKit, ready, running_service
@@ -120,16 +118,3 @@ def test_a_jog_through_a_service_is_remarked_on_likewise(
     virtual_time.run(scenario())
     shown = " ".join(capsys.readouterr().out.split())
     assert (shown.count(REMARK), shown.count("ATTENTION")) == (is_wrong, is_wrong)
-
-
-def test_a_jog_whose_replies_come_late_names_them(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """It called the drive offline, with the advice to check address, baud rate and wiring."""
-    transmit = Wire.transmit_reply
-    monkeypatch.setattr(
-        Wire, "transmit_reply", lambda wire, source, data, now, at: transmit(wire, source, data, now, at + 0.6)
-    )
-    with pytest.raises(NoReply) as caught:
-        shown_by_jog(monkeypatch, capsys, "vc660")
-    assert caught.value.key == "bus.late_reply"

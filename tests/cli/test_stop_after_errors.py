@@ -253,7 +253,7 @@ def run_remotely(client: ScriptedClient) -> Any:
     """Return the exit code of a run with ``--service``, or its error."""
 
     @asynccontextmanager
-    async def open_drive(target: Target, **_: Any) -> AsyncIterator[Any]:
+    async def open_drive(target: Target) -> AsyncIterator[Any]:
         yield RemoteBus(), RemoteDrive(client, "fan-1", 1, profiles.load("c320"))
 
     async def played() -> Any:

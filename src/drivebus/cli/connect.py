@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 from collections.abc import AsyncIterator, Callable, Collection, Iterator
-from contextlib import asynccontextmanager, contextmanager, nullcontext, suppress
+from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -18,7 +18,6 @@ from drivebus.user_input import parse_boolean
 
 if TYPE_CHECKING:
     from drivebus.bus import Bus
-    from drivebus.cli.signals import ShutdownSignal
     from drivebus.drives import Drive, DriveLimits
     from drivebus.errors import DrivebusError
     from drivebus.ports import Port
@@ -139,20 +138,11 @@ def note_foreign_settings(settings: SerialSettings, profile: DriveProfile) -> No
 
 
 @asynccontextmanager
-async def open_drive(
-    target: Target,
-    limits: DriveLimits | None = None,
-    *,
-    waits_for_late_reply: bool = False,
-    shutdown: ShutdownSignal | None = None,
-) -> AsyncIterator[tuple[Bus, Drive]]:
+async def open_drive(target: Target, limits: DriveLimits | None = None) -> AsyncIterator[tuple[Bus, Drive]]:
     """Open the bus with the drive on it, within the user's ``limits``; close both afterwards.
 
-    With ``target.service`` the pair has the same interface over the service. ``waits_for_late_reply``: after a command
-    without reply, wait for one that comes late, to name it; not for a command that is given to a running motor, because
-    the port is in use during the wait and a stop may be wanted. ``shutdown`` ends the wait, in a command with signal
-    handlers of its own. Raises PortUnavailable, PortUrlError, ProfileError, CaptureError where a required ``record``
-    can't be created, and the errors of the service.
+    With ``target.service`` the pair has the same interface over the service. Raises PortUnavailable, PortUrlError,
+    ProfileError, CaptureError where a required ``record`` can't be created, and the errors of the service.
     """
     if target.service is not None:
         async with _open_remote(target) as remote:
@@ -160,7 +150,7 @@ async def open_drive(
         return
     from drivebus.bus import Bus
     from drivebus.drives import Drive
-    from drivebus.errors import BusError, DrivebusError
+    from drivebus.errors import BusError
 
     profile, options = target.profile, target.drive_options()
     with record_port(target.open_port(), target.record, required=target.must_record) as port:
@@ -169,32 +159,30 @@ async def open_drive(
             drive = Drive(bus, profile, target.address, encoding=target.encoding, options=options, limits=limits)
             try:
                 yield bus, drive
-            except DrivebusError as error:
-                # a reply from another address is a ProtocolError, with a remedy of its own
-                if isinstance(error, BusError) and bus.health(target.address).foreign_master:
+            except BusError:  # a reply from another address is a ProtocolError, with a remedy of its own
+                if bus.health(target.address).foreign_master:
                     output.print_note("hint.foreign_master")
-                if waits_for_late_reply:
-                    await _raise_late_reply(drive, error, shutdown)
                 raise
             finally:
                 drive.close()
 
 
-async def failure_after_wait(drive: Drive, shutdown: ShutdownSignal | None = None) -> DrivebusError | None:
+async def wait_for_late_reply(drive: Drive) -> DrivebusError | None:
     """Wait, then read the drive once. Return why it does not answer, None where it answers.
 
-    A reply that comes during the wait is named as late. A signal ends the wait and the read: raises ``click.Abort``.
+    Only for a command that reads: the port is in use meanwhile, and after any other a stop may be wanted. A reply that
+    comes during the wait is named as late. A signal ends the wait and the read: raises ``click.Abort``.
     """
     from drivebus.cli.signals import shutdown_signals
 
-    with shutdown_signals() if shutdown is None else nullcontext(shutdown) as signals:
-        failure = await signals.interruptible(_failure_of_late_read(drive))
-        if signals.received:
+    with shutdown_signals() as shutdown:
+        failure = await shutdown.interruptible(_read_later(drive))
+        if shutdown.received:
             raise click.Abort
         return failure
 
 
-async def _failure_of_late_read(drive: Drive) -> DrivebusError | None:
+async def _read_later(drive: Drive) -> DrivebusError | None:
     from drivebus.errors import DrivebusError
 
     await asyncio.sleep(LATE_REPLY_WAIT_S)
@@ -203,23 +191,6 @@ async def _failure_of_late_read(drive: Drive) -> DrivebusError | None:
     except DrivebusError as failure:
         return failure
     return None
-
-
-async def _raise_late_reply(drive: Drive, error: DrivebusError, shutdown: ShutdownSignal | None) -> None:
-    """Raise the error of a late reply in place of ``error``, that of a command without reply, where one comes.
-
-    Nothing is read where a frame that moves the motor may have arrived.
-    """
-    from drivebus.errors import NoReply
-
-    reasons = [reason for reason in (error, error.__cause__) if isinstance(reason, NoReply)]
-    if not reasons or reasons[0].key == "bus.late_reply" or error.may_be_running is not False:
-        return
-    output.print_note("cli.late_reply_wait", seconds=f"{LATE_REPLY_WAIT_S:g}")
-    found = await failure_after_wait(drive, shutdown)
-    if found is not None and found.key == "bus.late_reply":
-        found.may_be_running, found.outcome = error.may_be_running, error.outcome
-        raise found from error
 
 
 @asynccontextmanager

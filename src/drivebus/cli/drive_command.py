@@ -226,19 +226,11 @@ def reject_local_options(arguments: dict[str, Any], names: Sequence[str]) -> Non
 
 
 async def run_command(
-    target: Target,
-    operation: Callable[[Drive], Awaitable[Outcome]],
-    limits: DriveLimits | None = None,
-    *,
-    waits_for_late_reply: bool = False,
+    target: Target, operation: Callable[[Drive], Awaitable[Outcome]], limits: DriveLimits | None = None
 ) -> ExitCode:
-    """Run one operation on one drive and print its outcome; the exit code is that of the outcome in any case.
-
-    ``limits`` and ``waits_for_late_reply``: those of ``connect.open_drive``.
-    """
+    """Run one operation on one drive and print its outcome; the exit code is that of the outcome in any case."""
     with output.continue_without_output():
-        opened = connect.open_drive(target, limits, waits_for_late_reply=waits_for_late_reply)
-        async with opened as (bus, drive):
+        async with connect.open_drive(target, limits) as (bus, drive):
             return print_outcome(await operation(drive), bus.now())
 
 

@@ -55,7 +55,7 @@ async def _calibrate(target: Target) -> ExitCode:
     if not sys.stdin.isatty():
         raise ConfigurationError("calibrate.no_terminal")
     with shutdown_signals(may_suspend=False) as shutdown:
-        async with connect.open_drive(target, waits_for_late_reply=True, shutdown=shutdown) as (bus, drive):
+        async with connect.open_drive(target) as (bus, drive):
             steps = drive.open_calibrations()
             if not steps:
                 output.print_json({"event": "nothing", "options": drive.dialect.options}, stream=True)

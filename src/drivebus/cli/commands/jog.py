@@ -44,7 +44,7 @@ async def _jog(target: Target, frequency: float | None) -> ExitCode:
         raise ConfigurationError("jog.no_terminal")
     _check_frequency_source(target, frequency)
     with shutdown_signals(may_suspend=False) as shutdown:
-        async with connect.open_drive(target, waits_for_late_reply=True, shutdown=shutdown) as (bus, drive):
+        async with connect.open_drive(target) as (bus, drive):
             if frequency is not None and target.service is None:  # the service checks it with the limits of its plant
                 drive.check_frequency(frequency)
             await print_comm_loss(drive)

@@ -9,7 +9,6 @@ from drivebus.cli.click_ext import Option
 from drivebus.cli.connect import Target
 from drivebus.cli.drive_command import drive_command
 from drivebus.cli.errors import ExitCode
-from drivebus.errors import before_motion
 
 if TYPE_CHECKING:
     from drivebus.cli.dry_run import DryRun
@@ -21,12 +20,11 @@ MAX_LOOPBACKS = 10_000
 async def _loopback(target: Target, count: int) -> ExitCode:
     from drivebus.cli.signals import shutdown_signals
 
-    async with connect.open_drive(target, waits_for_late_reply=True) as (_, drive):
+    async with connect.open_drive(target) as (_, drive):
         with shutdown_signals() as shutdown:
             report: LoopbackReport | None
             if target.service is None:
-                with before_motion():
-                    report = await drive.loopback_test(count, lambda: shutdown.received)
+                report = await drive.loopback_test(count, lambda: shutdown.received)
             else:
                 report = await shutdown.interruptible(drive.loopback_test(count))
     is_complete = report is not None and report.requests == count

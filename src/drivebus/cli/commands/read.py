@@ -63,7 +63,7 @@ def _lack_replies(readings: Mapping[str, Reading]) -> bool:
 
 async def _read_again(drive: Drive, names: list[str]) -> tuple[dict[str, Reading], DrivebusError | None]:
     """Read once more, later. Return the readings, and why the drive does not answer where it does not."""
-    silence = await connect.failure_after_wait(drive)
+    silence = await connect.wait_for_late_reply(drive)
     readings = await drive.read(names)
     return readings, silence if _lack_replies(readings) else None
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 async def _reset(target: Target) -> ExitCode:
-    return await run_command(target, lambda drive: drive.reset_fault(), waits_for_late_reply=True)
+    return await run_command(target, lambda drive: drive.reset_fault())
 
 
 def _plan(dry: DryRun, **_: Any) -> ExitCode:

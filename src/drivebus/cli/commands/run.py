@@ -57,7 +57,7 @@ async def _run(target: Target, frequency: float, *, reverse: bool, wait: bool, d
     chosen = RunOptions(frequency_hz=frequency, direction=_direction(reverse=reverse), wait=wait, detach=detach)
     requested_at = monotonic_now()
     with shutdown_signals(may_suspend=False) as shutdown:
-        async with connect.open_drive(target, waits_for_late_reply=True, shutdown=shutdown) as (bus, drive):
+        async with connect.open_drive(target) as (bus, drive):
             if detach:
                 await print_comm_loss(drive)
             check_start_delay(requested_at)

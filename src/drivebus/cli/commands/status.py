@@ -38,7 +38,7 @@ async def _read_status(drive: Drive) -> DriveStatus:
     except NoReply as error:
         if error.key == "bus.late_reply":
             raise
-        if (failure := await connect.failure_after_wait(drive)) is not None:
+        if (failure := await connect.wait_for_late_reply(drive)) is not None:
             raise failure from None
         return await drive.status()
 

@@ -30,12 +30,7 @@ async def _write(
     from drivebus.drives import DriveLimits
 
     limits = None if eeprom_writes_per_day is None else DriveLimits(eeprom_writes_per_day=eeprom_writes_per_day)
-    return await run_command(
-        target,
-        lambda drive: drive.write(dict(settings), save=save, force=force),
-        limits,
-        waits_for_late_reply=True,
-    )
+    return await run_command(target, lambda drive: drive.write(dict(settings), save=save, force=force), limits)
 
 
 def _plan(
