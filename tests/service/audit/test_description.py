@@ -203,10 +203,9 @@ def test_errors_of_several_drives_are_sentences_and_name_the_drives_where_they_d
         titles = {"drive": {"fan-1": Text("Fan 1", "风机 1")}}
         return described(record("group.start", "air", outcome=codes, **params), titles)["outcome_text"]
 
-    assert outcome(1) == {"en": "Confirmed; fan-1 has tripped", "zh": "已确认；fan-1 故障"}
     assert outcome(2) == {
-        "en": "Confirmed; Fan 1: fan-1 has tripped; fan-2: fan-2 has tripped",
-        "zh": "已确认；风机 1：fan-1 故障；fan-2：fan-2 故障",
+        "en": "fan-0: Confirmed; Fan 1: fan-1 has tripped; fan-2: fan-2 has tripped",
+        "zh": "fan-0：已确认；风机 1：fan-1 故障；fan-2：fan-2 故障",
     }
     assert outcome(4)["en"].endswith("fan-3: fan-3 has tripped; …"), "what the record may have left out"
     damaged = {"group": "air", "outcomes": outcomes, "error_texts": {"fan-1": 1}}
@@ -227,6 +226,68 @@ def test_each_drive_of_a_command_is_named_with_the_sentence_of_its_error() -> No
         "en": "Fan 1, fan-3, fan-4: it has tripped; fan-2, fan-5: it was stopped",
         "zh": "风机 1、fan-3、fan-4：故障；fan-2、fan-5：已停机",
     }
+
+
+TRIPPED = {"code": "drives.start_failed", "text": {"en": "it tripped", "zh": "变频器故障"}}
+OFFLINE = {"code": "plant.offline", "text": {"en": "station 3 is offline", "zh": "站 3 离线"}}
+CONFIRMED = {"status": "confirmed"}
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "english", "chinese"),
+    [
+        (
+            {"fan-1": TRIPPED, "fan-2": OFFLINE},
+            "Fan 1: it tripped; fan-2: station 3 is offline",
+            "风机 1：变频器故障；fan-2：站 3 离线",
+        ),
+        (
+            {"fan-1": CONFIRMED, "fan-2": OFFLINE, "fan-3": OFFLINE},
+            "Fan 1: Confirmed; fan-2, fan-3: station 3 is offline",
+            "风机 1：已确认；fan-2、fan-3：站 3 离线",
+        ),
+        (
+            {"fan-1": CONFIRMED, "fan-2": {"status": "unknown"}, "fan-3": CONFIRMED},
+            "Fan 1, fan-3: Confirmed; fan-2: Outcome unknown",
+            "风机 1、fan-3：已确认；fan-2：结果未知",
+        ),
+        ({"fan-1": OFFLINE, "fan-2": OFFLINE}, "station 3 is offline", "站 3 离线"),
+        ({"fan-1": CONFIRMED, "fan-2": CONFIRMED}, "Confirmed", "已确认"),
+    ],
+)
+def test_each_outcome_of_a_command_names_its_drives_where_there_is_more_than_one(
+    outcomes: Any, english: str, chinese: str
+) -> None:
+    """Drives were named only where one error had several sentences: "it tripped; station 3 is offline"."""
+    titles = {"drive": {"fan-1": Text("Fan 1", "风机 1")}}
+    group = _completed_entry(
+        AuditEntry(what="group.start", target="air", params={"group": "air"}), {"outcomes": outcomes}
+    )
+    found = described(record("group.start", "air", outcome=str(group.outcome), **group.params), titles)
+    assert found["outcome_text"] == {"en": english, "zh": chinese}
+    followers = dict([*outcomes.items()][1:])
+    if "status" in outcomes["fan-1"]:  # a command whose own drive fails has no followers
+        run = _completed_entry(
+            AuditEntry(what="drive.run", target="fan-1", params={"drive": "fan-1"}),
+            {"outcome": outcomes["fan-1"], "followers": followers},
+        )
+        found = described(record("drive.run", "fan-1", outcome=str(run.outcome), **run.params), titles)
+        assert found["outcome_text"] == {"en": english, "zh": chinese}, "of a drive and its followers"
+
+
+def test_a_record_of_an_earlier_version_names_all_drives_with_the_only_sentence_of_their_error() -> None:
+    """It has the sentence under the first of them."""
+    outcomes = {"fan-1": "confirmed", "fan-2": "plant.offline", "fan-3": "plant.offline"}
+    params = {"group": "air", "outcomes": outcomes, "error_texts": {"fan-2": OFFLINE["text"]}}
+    found = outcome_text(record("group.start", "air", outcome="confirmed, plant.offline", **params))
+    assert found == "fan-1: Confirmed; fan-2, fan-3: station 3 is offline"
+
+
+def test_the_outcomes_of_several_alarms_have_no_identifiers_of_alarms() -> None:
+    """They are by alarm, where those of other commands are by drive."""
+    outcomes = {"fan-1:stale": "done", "fan-2:stale": "unchanged"}
+    found = outcome_text(record("alarms.acknowledge", outcome="done, unchanged", outcomes=outcomes))
+    assert found == "Done; Unchanged"
 
 
 def test_the_reason_of_a_denied_request_reads_as_words_without_the_values_that_a_record_lacks() -> None:

@@ -87,8 +87,9 @@ def test_a_group_whose_lease_was_lost_starts_no_further_drive() -> None:
             assert kit.station("pump-1").motor.starts == 0
             entry = next(entry for entry in reversed(kit.trail.entries) if entry.what == "group.start")
             row = described({**asdict(entry), "who": {"name": ann.name}})
-            assert row["outcome_text"]["en"] == f"Confirmed; {found['pump-1']['text']['en']}", "no code"
-            assert row["outcome_text"]["zh"] == f"已确认；{found['pump-1']['text']['zh']}"
+            lost = found["pump-1"]["text"]
+            assert row["outcome_text"]["en"] == f"fan-1, fan-2: Confirmed; pump-1: {lost['en']}", "no code"
+            assert row["outcome_text"]["zh"] == f"fan-1、fan-2：已确认；pump-1：{lost['zh']}"
 
     run(scenario())
 

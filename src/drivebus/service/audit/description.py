@@ -193,36 +193,52 @@ def _outcome(item: Json, titles: Titles) -> Text | None:
     parts, params = str(outcome).split(", "), params if isinstance(params, dict) else {}
     is_of_target = len(parts) == 1 and bool(item.get("target")) and params.get("group") != item["target"]
     named = {"drive": item["target"], **params} if is_of_target else {}  # else the drive of an error is not recorded
-    of_drives = {part: _error_texts(part, params, titles) for part in parts}
-    return Text.join([each for part in parts for each in of_drives[part] or [_outcome_part(part, named)]], "clauses")
+    by_drive = _outcomes_by_drive(item, parts[0], params)
+    recorded = params[ERROR_TEXTS] if isinstance(params.get(ERROR_TEXTS), dict) else {}
+    of_parts = [
+        _error_texts(part, recorded, by_drive)
+        or [([drive for drive, code in by_drive.items() if code == part], _outcome_part(part, named))]
+        for part in parts
+    ]
+    is_of_alarms = str(item["what"]).startswith("alarms.")  # its outcomes are by alarm
+    are_named = sum(map(len, of_parts)) > 1 and not is_of_alarms
+    shown = [
+        Text("…", "…") if index == MAX_ERROR_TEXTS - 1 else _add_drives(drives if are_named else [], text, titles)
+        for sentences in of_parts
+        for index, (drives, text) in enumerate(sentences[:MAX_ERROR_TEXTS])
+    ]
+    return Text.join(shown, "clauses")
+
+
+def _outcomes_by_drive(item: Json, first: str, params: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the outcome of each drive; the first outcome is that of a target whose followers have theirs."""
+    outcomes, target = params.get("outcomes"), item.get("target")
+    if not isinstance(outcomes, dict):
+        return {}
+    return {target: first, **outcomes} if target and params.get("drive") == target else outcomes
+
+
+def _add_drives(drives: list[str], text: Text, titles: Titles) -> Text:
+    """Return a sentence after the titles of the drives that it is about."""
+    return bilingual_text("audit.details", done=_named_drives(drives, titles), details=text) if drives else text
 
 
 def _is_text(value: Any) -> TypeGuard[Json]:
     return isinstance(value, dict) and all(isinstance(value.get(language), str) for language in i18n.LANGUAGES)
 
 
-def _error_texts(code: str, params: Mapping[str, Any], titles: Titles) -> list[Text]:
-    """Return the sentences of an error of several drives; where they differ, each with the titles of its drives."""
-    recorded, outcomes = params.get(ERROR_TEXTS), params.get("outcomes")
-    if not isinstance(recorded, dict) or not isinstance(outcomes, dict):
-        return []
-    texts = {
-        drive: Text.from_mapping(text)
-        for drive, text in recorded.items()
-        if outcomes.get(drive) == code and _is_text(text)
-    }
-    if len(texts) <= 1:
-        return [*texts.values()]
-    shown = [
-        bilingual_text("audit.details", done=_named_drives(_with_same_text(first, recorded), titles), details=text)
-        for first, text in texts.items()
+def _error_texts(code: str, recorded: Mapping[str, Any], by_drive: Mapping[str, Any]) -> list[tuple[list[str], Text]]:
+    """Return the different sentences of an error, each with its drives.
+
+    A drive without one has the only sentence of its error: records of earlier versions name the first drive alone.
+    """
+    drives = [drive for drive, found in by_drive.items() if found == code]
+    first = {drive: recorded[drive] for drive in drives if _is_text(recorded.get(drive))}
+    of_others = next(iter(first)) if len(first) == 1 else None
+    return [
+        ([drive for drive in drives if id in (drive, recorded.get(drive, of_others))], Text.from_mapping(text))
+        for id, text in first.items()
     ]
-    return shown if len(shown) < MAX_ERROR_TEXTS else [*shown[: MAX_ERROR_TEXTS - 1], Text("…", "…")]
-
-
-def _with_same_text(first: str, recorded: Json) -> list[str]:
-    """Return the drive whose error has a sentence in a record, and those whose error has the same one."""
-    return [first, *(drive for drive, same_as in recorded.items() if same_as == first)]
 
 
 def _outcome_part(code: str, params: Mapping[str, Any]) -> Text:
