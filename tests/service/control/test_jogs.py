@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 
 import pytest
 
 from drivebus.drives.dialects.sunfar import SunfarDialect
-from drivebus.drives.state import Direction
+from drivebus.drives.state import Direction, DriveState
 from drivebus.errors import ArmRequired, NotFound
 from drivebus.service.api.errors import localized
+from drivebus.service.runtime.drive import DriveRuntime
 from drivebus.simulator.motor import OutputPhase
 from drivebus.testing.virtual_time import run
 from fixtures.service import LOCAL, ready, remote_actor, running_service
@@ -87,5 +89,25 @@ def test_the_renewals_of_a_jog_remark_on_a_drive_that_reports_the_other_directio
             wrong = localized("drives.wrong_direction", {"expected": direction, "found": other})
             assert remarks[-1] == (wrong if is_exchanged else None)
             assert is_exchanged or not any(remarks)
+
+    run(scenario())
+
+
+@pytest.mark.parametrize(("state", "is_remarked_on"), [(DriveState.RUNNING, True), (DriveState.STOPPED, False)])
+def test_a_drive_at_standstill_that_reports_the_other_direction_has_no_remark(
+    monkeypatch: pytest.MonkeyPatch, state: DriveState, is_remarked_on: bool
+) -> None:
+    """The direction that it reports is that of its last run."""
+
+    async def scenario() -> None:
+        async with running_service() as kit:
+            await ready(kit)
+            jog = (await kit.call("drive.jog", drive="fan-1", frequency_hz=5.0))["jog"]
+            status = kit.service.plant.drives["fan-1"].status()
+            reported = replace(status, state=state, direction=Direction.REVERSE)
+            with monkeypatch.context() as patch:
+                patch.setattr(DriveRuntime, "status", lambda _: reported)
+                renewed = await kit.call("drive.jog_renew", drive="fan-1", jog=jog)
+            assert (renewed["remark"] is not None) is is_remarked_on
 
     run(scenario())
