@@ -454,7 +454,10 @@ DRIVE_JOG_RENEW = Operation(
     params=ActiveJogParams,
     response=JogRenewResponse,
     keepalive=True,
-    summary=Text("Keep a jog going while the key is pressed", "按住按键时保持点动"),
+    summary=Text(
+        "Keep a jog going while the key is pressed; `remark` is null unless the drive reports the other direction",
+        "按住按键时保持点动；变频器报告的方向相反时 `remark` 有说明，否则为 null",
+    ),
 )
 
 DRIVE_JOG_END = Operation(
