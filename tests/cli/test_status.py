@@ -137,6 +137,7 @@ def test_a_read_whose_first_two_replies_are_lost_shows_the_value_without_an_erro
 
 ON_VC660 = ("sim://vc660@3", "--model", "vc660", "--address")
 READING_COMMANDS = {"read": ("F00.01",), "status": ()}
+"""Commands that only read, and their words: a parameter as in the manual of the VC660 (``docs/protocols/vc660.md``)."""
 OTHER_COMMANDS = {
     "coast": (),
     "hold-ramp": ("5",),
@@ -188,10 +189,10 @@ def test_a_command_that_does_more_than_read_waits_for_no_late_reply_because_a_st
 ) -> None:
     """For a second more the port was in use: a stop of another terminal was not sent."""
 
-    async def unexpected(drive: Any) -> None:
+    async def unexpected(read: Any) -> None:
         pytest.fail("waits for a late reply")
 
-    monkeypatch.setattr(connect, "wait_for_late_reply", unexpected)
+    monkeypatch.setattr(connect, "read_again_later", unexpected)
     send_replies_late(monkeypatch, 0.6)
     assert CliRunner().invoke(cli, words_of(command, 3)).exit_code in (ExitCode.FAILED, ExitCode.UNKNOWN)
 

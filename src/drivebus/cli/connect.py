@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import AsyncIterator, Callable, Collection, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -19,12 +19,12 @@ from drivebus.user_input import parse_boolean
 if TYPE_CHECKING:
     from drivebus.bus import Bus
     from drivebus.drives import Drive, DriveLimits
-    from drivebus.errors import DrivebusError
     from drivebus.ports import Port
     from drivebus.profiles import DriveProfile
     from drivebus.serial_settings import SerialSettings
     from drivebus.types import Json
 
+T = TypeVar("T")
 LATE_REPLY_WAIT_S = 1.0  # pause after a read without reply: one that comes before the next read is named as late
 
 
@@ -167,30 +167,23 @@ async def open_drive(target: Target, limits: DriveLimits | None = None) -> Async
                 drive.close()
 
 
-async def wait_for_late_reply(drive: Drive) -> DrivebusError | None:
-    """Wait, then read the drive once. Return why it does not answer, None where it answers.
+async def read_again_later(read: Callable[[], Awaitable[T]]) -> T:
+    """Return what ``read`` returns after ``LATE_REPLY_WAIT_S``. A reply that comes meanwhile is named as late.
 
-    Only for a command that reads: the port is in use meanwhile, and after any other a stop may be wanted. A reply that
-    comes during the wait is named as late. A signal ends the wait and the read: raises ``click.Abort``.
+    Only for a command that reads: the port is in use meanwhile, and after any other a stop may be wanted. Raises the
+    errors of ``read``, and ``click.Abort`` where a signal ends the wait.
     """
     from drivebus.cli.signals import shutdown_signals
 
+    async def wait_and_read() -> T:
+        await asyncio.sleep(LATE_REPLY_WAIT_S)
+        return await read()
+
     with shutdown_signals() as shutdown:
-        failure = await shutdown.interruptible(_read_later(drive))
-        if shutdown.received:
+        found = await shutdown.interruptible(wait_and_read())
+        if found is None:
             raise click.Abort
-        return failure
-
-
-async def _read_later(drive: Drive) -> DrivebusError | None:
-    from drivebus.errors import DrivebusError
-
-    await asyncio.sleep(LATE_REPLY_WAIT_S)
-    try:
-        await drive.identify()
-    except DrivebusError as failure:
-        return failure
-    return None
+        return found
 
 
 @asynccontextmanager

@@ -104,7 +104,7 @@ def test_a_flood_of_other_requests_does_not_hide_whose_password_is_guessed(tmp_p
 
     async def scenario() -> None:
         for n in range(MAX_KINDS_PER_PERIOD + 4):
-            await guess(harness, f"nobody{n}", f"10.0.0.{n}")
+            await guess(harness, f"user{n}", f"10.0.0.{n}")
         for _ in range(3):
             await guess(harness, "operator", "10.0.1.1")
         await asyncio.sleep(SUMMARY_PERIOD_S + 1)

@@ -63,7 +63,13 @@ def _lack_replies(readings: Mapping[str, Reading]) -> bool:
 
 async def _read_again(drive: Drive, names: list[str]) -> tuple[dict[str, Reading], DrivebusError | None]:
     """Read once more, later. Return the readings, and why the drive does not answer where it does not."""
-    silence = await connect.wait_for_late_reply(drive)
+    from drivebus.errors import DrivebusError
+
+    silence: DrivebusError | None = None
+    try:
+        await connect.read_again_later(drive.identify)
+    except DrivebusError as error:
+        silence = error
     readings = await drive.read(names)
     return readings, silence if _lack_replies(readings) else None
 

@@ -30,7 +30,7 @@ async def _status(target: Target) -> ExitCode:
 
 
 async def _read_status(drive: Drive) -> DriveStatus:
-    """Read the status, once more where no reply came to the first read. Raises the error of a late reply as such."""
+    """Read the status, and again later where no reply came. Raises the error of the second attempt."""
     from drivebus.errors import NoReply
 
     try:
@@ -38,9 +38,7 @@ async def _read_status(drive: Drive) -> DriveStatus:
     except NoReply as error:
         if error.key == "bus.late_reply":
             raise
-        if (failure := await connect.wait_for_late_reply(drive)) is not None:
-            raise failure from None
-        return await drive.status()
+        return await connect.read_again_later(drive.status)
 
 
 async def _identity(drive: Drive) -> Identity | None:
